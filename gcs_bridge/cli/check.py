@@ -1,0 +1,133 @@
+"""`gcs-bridge check`: judges recordings and ends with what it found."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
+from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
+
+__all__ = ["check", "find_recordings"]
+
+SUFFIXES = (".tlog", ".raw", ".rlog")  # .tlog.raw is a .raw
+
+
+@click.command(short_help="Judge recordings: report and exit code.")
+@click.argument("paths", nargs=-1, required=True, metavar="FILE|FOLDER...", type=click.Path(path_type=Path))
+@click.option("--sysid", type=click.IntRange(1, 255), metavar="N", help="Judge this system alone.")
+@click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
+@click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
+@click.option("--format", "form", type=click.Choice(["text", "json"]), default="text", help="Of the report.  [text]")
+@click.option("--output", type=click.Path(path_type=Path), metavar="PATH", help="Write the report to this file.")
+@click.option("--fail-on", type=click.Choice(["warning", "alarm", "never"]), help="What ends with 1.  [alarm]")
+@click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
+@click.option("--config", type=click.Path(path_type=Path), metavar="FILE", help="TOML with settings of your own.")
+@click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]")
+@click.option("-q", "--quiet", is_flag=True, help="Only the last line of each file.")
+@click.option("-v", "--verbose", is_flag=True, help="Every number.")
+@click.option("--no-color", is_flag=True, help="Plain text; so does the variable NO_COLOR.")
+def check(
+    paths: tuple[Path, ...],
+    sysid: int | None,
+    from_s: float | None,
+    to_s: float | None,
+    form: str,
+    output: Path | None,
+    fail_on: str | None,
+    profile: str,
+    config: Path | None,
+    dialect: str,
+    quiet: bool,
+    verbose: bool,
+    no_color: bool,
+) -> int:
+    """Judge recordings (.tlog, .raw, .rlog; folders are searched for them) and tell what was found.
+
+    \b
+    Exit codes: 0 good, 1 an alarm (or warning, by --fail-on), 2 usage or configuration,
+    3 a source that cannot be used, 4 no attitude could be compared.
+    """
+    from gcs_bridge.report import Report, worst_exit_code
+    from gcs_bridge.report.output import refuse_unwritable, write_file, write_stdout
+    from gcs_bridge.settings import load_settings
+
+    _refuse_times(from_s, to_s)
+    settings = load_settings(profile, config, {"check": {"fail_on": fail_on}} if fail_on else None)
+    recordings, failures = find_recordings(paths)
+    if output is not None:
+        refuse_unwritable(output, sources=recordings)
+
+    from gcs_bridge.recording import check_file  # the heavy part, after everything that may be refused
+
+    judged: list[dict[str, Any]] = []
+    sizes = [_size(recording) for recording in recordings]
+    with ProgressBar(total_bytes=sum(sizes), enabled=not quiet) as progress:
+        for failure in failures:
+            complain(str(failure))
+        for recording, size in zip(recordings, sizes, strict=True):
+            try:
+                judged.append(
+                    check_file(
+                        recording, settings, dialect=dialect, sysid=sysid, from_s=from_s, to_s=to_s, progress=progress
+                    )
+                )
+            except SourceError as failure:
+                failures.append(failure)
+                complain(str(failure))
+            progress.file_done(size)
+
+    report = Report(tuple(judged))
+    if judged:
+        result = report.to_json() if form == "json" else report.to_text(detail=verbose - quiet)
+        if output is not None:
+            write_file(result, output)
+            if not quiet:
+                click.echo(report.to_text(detail=-1), nl=False, err=True)
+        elif form == "text" and wants_colour(no_color=no_color):
+            print_coloured(result)
+        else:
+            write_stdout(result)
+    return worst_exit_code([*(failure.exit_code for failure in failures), report.exit_code(settings.check.fail_on)])
+
+
+def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeError]]:
+    """The files named and those found in the folders named, each once; and what is wrong with folders."""
+    found: dict[Path, None] = {}
+    failures: list[GcsBridgeError] = []
+    for path in paths:
+        if not os.path.isdir(path):
+            found[path] = None
+            continue
+        unreadable: list[OSError] = []
+        inside = sorted(
+            Path(folder, name)
+            for folder, _, names in os.walk(path, onerror=unreadable.append)
+            for name in names
+            if name.lower().endswith(SUFFIXES) and os.path.isfile(Path(folder, name))
+        )
+        found.update(dict.fromkeys(inside))
+        failures += [SourceError(f"{error.filename}: cannot be searched: {error.strerror}") for error in unreadable]
+        if not inside and not unreadable:
+            failures.append(SourceError(f"{path}: no recording in this folder (looked for {', '.join(SUFFIXES)})"))
+    return list(found), failures
+
+
+def _refuse_times(from_s: float | None, to_s: float | None) -> None:
+    for option, value in (("--from", from_s), ("--to", to_s)):
+        if value is not None and not (math.isfinite(value) and value >= 0):
+            raise UsageError(f"{option} {value:g}: must be seconds after the recording's start, 0 or more")
+    if to_s is not None and to_s <= (from_s or 0.0):
+        raise UsageError(f"--to {to_s:g} is not after --from {from_s or 0.0:g}: nothing would be judged")
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:  # who reads it will tell
+        return 0

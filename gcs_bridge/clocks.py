@@ -1,0 +1,116 @@
+"""A vehicle's boot clock: unwraps `time_boot_ms`, tells reboots from reordering, and doubts a time that stands alone.
+
+Milliseconds since boot wrap after 49.7 days (a step of about −2³²), restart near zero with a reboot, and step back by a
+few seconds where frames were reordered. Every rule looks at what came before and at nothing else, so a live link and a
+recording, in pieces of any size, give the same times.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Int64s = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+WRAP_US = 2**32 * 1000
+REORDER_US = 6_000_000  # seen: 4.7 s in a recording that is otherwise good
+JUMP_US = 60_000_000  # a longer step forward needs the receive time, or a second message, to be believed
+
+
+class ClockChange(NamedTuple):
+    """Where a clock did something else than go on: `index` in the batch, the new time, and how far it stepped."""
+
+    index: int
+    boot: int
+    kind: str  # "reboot" or "clock_step"
+    t_boot_us: int
+    step_us: int
+
+
+@dataclass(frozen=True)
+class BootTimes:
+    """Times of one batch, shape (n,): the boot each message belongs to, µs since that boot, and which times are believed."""
+
+    boot: Int64s
+    t_boot_us: Int64s
+    believed: Mask
+    changes: tuple[ClockChange, ...] = ()
+
+
+class BootClock:
+    """The boot clock of one vehicle, fed with `time_boot_ms` in order of arrival."""
+
+    def __init__(self) -> None:
+        """Start before the first message."""
+        self.boot = 0
+        self.latest_us: int | None = None  # latest believed time in this boot
+        self._epoch_us = 0
+        self._rx_us = 0
+        self._doubted_us: int | None = None
+
+    def read(self, time_boot_ms: npt.NDArray[np.uint32], t_rx_us: Int64s) -> BootTimes:
+        """Times of the next messages; `t_rx_us` is −1 where the receive time is unknown.
+
+        The first message behind a reboot, or behind a jump, is not believed before a second one confirms it.
+        """
+        n = len(time_boot_ms)
+        t = time_boot_ms.astype(np.int64) * 1000 + self._epoch_us
+        if n and self.latest_us is None:
+            self.latest_us = int(t[0])
+        before = np.maximum.accumulate(np.concatenate(([self.latest_us or 0], t)))
+        step = t - before[:-1]
+        if n and self._doubted_us is None and step.min() >= -REORDER_US and step.max() <= JUMP_US:
+            self.latest_us = int(before[-1])
+            self._rx_us = int(t_rx_us[-1])
+            return BootTimes(np.full(n, self.boot), t, np.ones(n, np.bool_))
+        return self._read_one_by_one(time_boot_ms.tolist(), t_rx_us.tolist())
+
+    def _read_one_by_one(self, time_boot_ms: list[int], t_rx_us: list[int]) -> BootTimes:
+        boots: list[int] = []
+        times: list[int] = []
+        believed: list[bool] = []
+        changes: list[ClockChange] = []
+        for index, (ms, rx) in enumerate(zip(time_boot_ms, t_rx_us, strict=True)):
+            t, change = self._read_next(ms, rx)
+            if change is not None:
+                changes.append(ClockChange(index, self.boot, *change))
+            boots.append(self.boot)
+            times.append(t)
+            believed.append(self._doubted_us is None)
+        as_array = np.array
+        return BootTimes(
+            as_array(boots, np.int64), as_array(times, np.int64), as_array(believed, np.bool_), tuple(changes)
+        )
+
+    def _read_next(self, ms: int, rx: int) -> tuple[int, tuple[str, int, int] | None]:
+        latest = self.latest_us if self.latest_us is not None else ms * 1000
+        t = ms * 1000 + self._epoch_us
+        if t - latest < -WRAP_US // 2:
+            t += WRAP_US  # past the wrap; the epoch follows once this is believed
+        elif t - latest > WRAP_US // 2 and self._epoch_us:
+            t -= WRAP_US  # from before the wrap, late
+        step = t - latest
+        elapsed = rx - self._rx_us if rx >= 0 and self._rx_us >= 0 else 0
+        change = None
+        if not (-REORDER_US <= step <= max(JUMP_US, 2 * elapsed)):
+            doubted = self._doubted_us
+            if doubted is None or not -REORDER_US <= ms * 1000 - doubted <= JUMP_US:
+                self._doubted_us = ms * 1000
+                return t, None
+            if step < 0:  # a second message from the past: the vehicle has started anew
+                self.boot += 1
+                self._epoch_us = 0
+                t = ms * 1000
+                change = ("reboot", min(doubted, t), step)
+                self.latest_us = t
+            else:
+                change = ("clock_step", t, step)
+        self._doubted_us = None
+        self._rx_us = rx
+        self.latest_us = t if change else max(latest, t)
+        self._epoch_us = self.latest_us // WRAP_US * WRAP_US
+        return t, change

@@ -1,0 +1,55 @@
+"""One way to compile a kernel, with a cache that works wherever the package is installed."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+
+
+def _writable(folder: Path) -> bool:
+    """Whether files can be made in `folder`, or in its nearest existing parent."""
+    while not folder.exists():
+        folder = folder.parent
+    return os.access(folder, os.W_OK | os.X_OK)
+
+
+def _ensure_cache_folder() -> None:
+    """Point numba at a folder of its own where neither the package nor the home can be written (it would refuse)."""
+    if "NUMBA_CACHE_DIR" in os.environ:
+        return
+    beside_source = Path(__file__).parent / "__pycache__"
+    home_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+    if not _writable(beside_source) and not _writable(home_cache):
+        user = str(os.getuid()) if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
+        os.environ["NUMBA_CACHE_DIR"] = str(Path(tempfile.gettempdir()) / f"gcs-bridge-kernels-{user}")
+
+
+_ensure_cache_folder()
+
+import numba  # noqa: E402  numba reads NUMBA_CACHE_DIR when it is imported
+
+
+def kernel(function: Kernel) -> Kernel:
+    """Compile `function` with numba: no GIL inside, and the machine code kept for the next process."""
+    return numba.njit(cache=True, nogil=True)(function)  # type: ignore[no-any-return]  # numba carries no types
+
+
+helper = numba.njit(nogil=True)
+
+
+def announce_first_compile(*kernels: Callable[..., Any]) -> None:
+    """Say on stderr, before the wait, that `kernels` are compiled now; silent where their cache is up to date."""
+    for compiled in kernels:
+        dispatcher: Any = compiled
+        source = Path(dispatcher.py_func.__code__.co_filename)
+        name = f"{source.stem}.{dispatcher.py_func.__qualname__}-*.nbi"
+        indexes = list(Path(dispatcher.stats.cache_path).glob(name))
+        if not any(index.stat().st_mtime >= source.stat().st_mtime for index in indexes):
+            print("gcs-bridge: compiling its kernels, once on this machine (some seconds)", file=sys.stderr, flush=True)
+            return

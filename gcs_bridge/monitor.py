@@ -1,0 +1,251 @@
+"""Wires the stages: bytes → frames → samples → judged vehicles → events and report.
+
+No I/O and no clock inside: bytes and receive times come as arguments. Live links and recordings go the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge.errors import UsageError
+from gcs_bridge.events import Event, Notice, in_order, make_event
+from gcs_bridge.judge import STREAMS, VehicleJudge
+from gcs_bridge.liveness import LinkClock
+from gcs_bridge.mavlink.dialect import Dialect, load_dialect
+from gcs_bridge.mavlink.scan import Frames, Salvage, Scanner
+from gcs_bridge.report import Report
+from gcs_bridge.report.contract import worst_verdict
+from gcs_bridge.settings import Settings, load_settings
+from gcs_bridge.vehicles import VehicleReader
+
+Int64s = npt.NDArray[np.int64]
+
+_RECORDING = "recording"
+
+
+class Monitor:
+    """Judges links and recordings as their bytes come.
+
+    Fed with `feed` (a link's bytes) or `feed_recording` (a .tlog's), in pieces cut anywhere; the events that a piece
+    brought about come back as dicts with the contract's keys. `close` returns the report.
+    """
+
+    def __init__(
+        self,
+        profile: str = "default",
+        *,
+        settings: Settings | None = None,
+        dialect: str = "all",
+        sysid: int | None = None,
+        from_s: float | None = None,
+        to_s: float | None = None,
+    ) -> None:
+        """Take the settings of `profile`, or `settings`; judge `sysid` alone, or between two times after the start.
+
+        Raises UsageError for an unknown profile or dialect.
+        """
+        self._settings = settings or load_settings(profile)
+        self._dialect = open_dialect(dialect)
+        self._sysid = sysid
+        self._window_s = (from_s, to_s)
+        self._links: dict[int | str, _Link] = {}
+
+    def open_link(self, link: int, *, datagrams: bool = False) -> None:
+        """Say before its first bytes that `link` brings datagrams: each call of `feed` is then one, with its borders."""
+        if link in self._links:
+            raise ValueError(f"link {link} is open already")
+        self._new_link(link, timed=False, datagrams=datagrams)
+
+    def feed(self, data: bytes | bytearray | memoryview, t_rx_us: int, link: int = 0) -> list[Event]:
+        """Take the next bytes of a link, or one datagram, received at `t_rx_us` (µs since 1970; −1: unknown)."""
+        found = self._links.get(link) or self._new_link(link, timed=False)
+        return found.feed(data, t_rx_us)
+
+    def feed_recording(self, piece: bytes | bytearray | memoryview) -> list[Event]:
+        """Take the next piece of a .tlog, cut anywhere; its records bring their receive times."""
+        found = self._links.get(_RECORDING) or self._new_link(_RECORDING, timed=True)
+        return found.feed(piece, -1)
+
+    def advance(self, t_rx_us: int) -> list[Event]:
+        """Time has come to `t_rx_us` and nothing came: tell of the streams whose deadline has passed."""
+        return [event for link in self._links.values() for event in link.advance(t_rx_us)]
+
+    def close(self) -> Report:
+        """Nothing follows: decide what is still undecided and report, one entry a link."""
+        for link in self._links.values():
+            link.finish()
+        return Report(tuple(link.entry(str(name)) for name, link in self._links.items()))
+
+    @property
+    def window_is_empty(self) -> bool:
+        """Whether frames were read, and none of them within the times to judge."""
+        links = self._links.values()
+        return any(link.frames for link in links) and not any(link.in_window for link in links)
+
+    @property
+    def span_s(self) -> float:
+        """From the first receive time to the last, over all links."""
+        return max((link.span_us for link in self._links.values()), default=0) / 1e6
+
+    def _new_link(self, name: int | str, *, timed: bool, datagrams: bool = False) -> _Link:
+        scanner = Scanner(self._dialect, timed=timed)
+        link = _Link(scanner, datagrams, self._dialect, self._settings, self._sysid, self._window_s)
+        self._links[name] = link
+        return link
+
+
+def open_dialect(name: str) -> Dialect:
+    """The dialect `name`; UsageError where pymavlink has none, or it lacks the messages that are compared."""
+    try:
+        dialect = load_dialect(name)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    missing = [stream for stream in STREAMS if stream not in dialect]
+    if missing:
+        raise UsageError(f"dialect {name!r} does not define {' and '.join(missing)}: nothing could be compared")
+    return dialect
+
+
+class _Vehicle:
+    """One (system, component) of a link, which may turn out to be a vehicle."""
+
+    def __init__(self, reader: VehicleReader, judge: VehicleJudge) -> None:
+        self.reader = reader
+        self.judge = judge
+        self._held: list[Notice] | None = []  # until it is known to be one
+
+    def release(self, notices: list[Notice]) -> list[Notice]:
+        """The notices to pass on: all once it is a vehicle, those from before behind the news that it is one."""
+        if self._held is None:
+            return notices if self.reader.is_vehicle else []
+        self._held += notices
+        if not self.reader.is_vehicle or self.reader.seen is None:
+            return []
+        ordinal, t_rx_us = self.reader.seen
+        seen = make_event("vehicle_seen", self.reader.key, 0, None, t_rx_us)
+        released = [Notice(ordinal, seen), *(n._replace(ordinal=max(n.ordinal, ordinal)) for n in self._held)]
+        self._held = None
+        return released
+
+
+class _Link:
+    """One link or recording: its frames, the vehicles on it, its clock."""
+
+    def __init__(
+        self,
+        scanner: Scanner,
+        datagrams: bool,
+        dialect: Dialect,
+        settings: Settings,
+        sysid: int | None,
+        window_s: tuple[float | None, float | None],
+    ) -> None:
+        self.frames = 0
+        self.in_window = 0
+        self._scanner = scanner
+        self._datagrams = datagrams
+        self._dialect = dialect
+        self._settings = settings
+        self._sysid = sysid
+        self._window_s = window_s
+        self._start_us: int | None = None
+        self._latest_rx_us = -1
+        self._vehicles: dict[int, _Vehicle] = {}
+
+    @property
+    def span_us(self) -> int:
+        return 0 if self._start_us is None else self._latest_rx_us - self._start_us
+
+    def feed(self, data: bytes | bytearray | memoryview, t_rx_us: int, *, final: bool = False) -> list[Event]:
+        frames = self._scanner.scan(data, t_rx_us=t_rx_us, final=final or self._datagrams)
+        return in_order(self._judge(frames)) if len(frames) else []
+
+    def advance(self, t_rx_us: int) -> list[Event]:
+        if t_rx_us <= self._latest_rx_us:
+            return []
+        self._latest_rx_us = t_rx_us
+        clock = LinkClock(np.array([self.frames]), np.array([t_rx_us]))
+        notices: list[Notice] = []
+        for vehicle in self._vehicles.values():
+            notices += vehicle.release(list(vehicle.judge.advance(clock)))
+        return in_order(notices)
+
+    def finish(self) -> None:
+        if not self._datagrams:
+            self.feed(b"", self._latest_rx_us, final=True)
+
+    def entry(self, name: str) -> dict[str, Any]:
+        vehicles = [
+            vehicle.judge.entry(vehicle.reader)
+            for _, vehicle in sorted(self._vehicles.items())
+            if vehicle.reader.is_vehicle
+        ]
+        salvage = self._scanner.salvage
+        return {
+            "path": name,
+            "bytes": salvage.bytes,
+            "verdict": worst_verdict(vehicle["verdict"] for vehicle in vehicles),
+            "salvage": salvage_entry(salvage),
+            "vehicles": vehicles,
+        }
+
+    def _judge(self, frames: Frames) -> Iterator[Notice]:
+        ordinals = np.arange(self.frames, self.frames + len(frames))
+        self.frames += len(frames)
+        latest_rx_us = np.maximum(np.maximum.accumulate(frames["t_rx_us"]), self._latest_rx_us)
+        self._latest_rx_us = int(latest_rx_us[-1])
+        if self._start_us is None:
+            self._start_us = int(frames["t_rx_us"][0])
+        in_window = self._in_window(frames["t_rx_us"])
+        self.in_window += int(in_window.sum())
+        component = frames["sysid"].astype(np.int64) * 256 + frames["compid"]
+        wanted = frames["duplicate"] == 0
+        if self._sysid is not None:
+            wanted &= frames["sysid"] == self._sysid
+        clock = LinkClock(ordinals, latest_rx_us)
+        for key in np.unique(component[wanted]).tolist():
+            rows = np.flatnonzero(wanted & (component == key))
+            vehicle = self._vehicles.get(key) or self._new_vehicle(key)
+            batch = vehicle.reader.read(self._scanner.buffer, frames[rows], ordinals[rows], in_window[rows])
+            yield from vehicle.release(list(vehicle.judge.take(batch, clock)))
+        for key in self._vehicles.keys() - set(component[wanted].tolist()):
+            vehicle = self._vehicles[key]
+            yield from vehicle.release(list(vehicle.judge.advance(clock)))
+
+    def _new_vehicle(self, key: int) -> _Vehicle:
+        sysid, compid = divmod(key, 256)
+        reader = VehicleReader(sysid, compid, self._dialect, self._settings.vehicle)
+        vehicle = _Vehicle(reader, VehicleJudge((sysid, compid), self._settings))
+        self._vehicles[key] = vehicle
+        return vehicle
+
+    def _in_window(self, t_rx_us: Int64s) -> npt.NDArray[np.bool_]:
+        start_us = self._start_us or 0
+        inside = np.ones(len(t_rx_us), np.bool_)
+        from_s, to_s = self._window_s
+        if from_s is not None:
+            inside &= t_rx_us >= start_us + from_s * 1e6
+        if to_s is not None:
+            inside &= t_rx_us < start_us + to_s * 1e6
+        return inside
+
+
+def salvage_entry(salvage: Salvage) -> dict[str, Any]:
+    """What was read of a link or file and what was not, for the report."""
+    return {
+        "frames": salvage.frames,
+        "bad_crc": salvage.bad_crc,
+        "repaired_crc": salvage.repaired_crc,
+        "unverified": salvage.unverified,
+        "skipped_bytes": salvage.skipped_bytes,
+        "signed": salvage.signed,
+        "duplicates": salvage.duplicates,
+        "bad_times": salvage.bad_times,
+        "read_fraction": salvage.read_fraction,
+        "gap_count": salvage.gap_count,
+        "gaps": [{"offset": offset, "bytes": length} for offset, length in salvage.gaps],
+    }

@@ -1,0 +1,212 @@
+"""Recordings: files read in pieces, told apart, and judged or turned into samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from gcs_bridge.align import match_kernel
+from gcs_bridge.errors import SourceError, UsageError
+from gcs_bridge.mavlink.decode import gather
+from gcs_bridge.mavlink.dialect import Dialect
+from gcs_bridge.mavlink.jit import announce_first_compile
+from gcs_bridge.mavlink.scan import Salvage, Scanner, scan_kernel
+from gcs_bridge.monitor import Monitor, open_dialect
+from gcs_bridge.report import Report
+from gcs_bridge.samples import (
+    ATTITUDE,
+    ATTITUDE_QUATERNION,
+    IMU_MESSAGES,
+    AttitudeSamples,
+    ImuSamples,
+    no_attitudes,
+    no_imu,
+)
+from gcs_bridge.settings import Settings, VehicleSettings, load_settings
+from gcs_bridge.vehicles import VehicleReader
+
+Progress = Callable[[int, int], None]
+
+_PIECE = 2**22  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
+_PROBE = 2**20  # bytes by which a recording is told from a stream without times
+
+# Other flight logs by their first bytes, each with the tool that reads it.
+_FOREIGN = (
+    (b"\xa3\x95", "an on-board log (ArduPilot .bin, PX4 .px4log), not telemetry: open it with mavlogdump.py or MAVExplorer"),
+    (b"ULog\x01\x12\x35", "a PX4 .ulg on-board log, not telemetry: open it with pyulog or Flight Review"),
+    (b"\x89MCAP0\r\n", "an MCAP file, not telemetry: open it with Foxglove"),
+    (b"RRF", "a rerun recording, not telemetry: open it with `rerun`"),
+    (b"\x1f\x8b", "compressed: unpack it with gunzip first"),
+    (b"PK\x03\x04", "a zip archive: unpack it first"),
+)
+
+
+@dataclass(frozen=True)
+class VehicleSamples:
+    """What a recording holds of one vehicle; a message that never came is an empty array."""
+
+    autopilot: str
+    type: str
+    attitude: AttitudeSamples
+    attitude_quaternion: AttitudeSamples
+    raw_imu: ImuSamples
+    scaled_imu: ImuSamples
+    scaled_imu2: ImuSamples
+    scaled_imu3: ImuSamples
+    highres_imu: ImuSamples
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording's samples by vehicle, keyed (system, component), and what was read of the file."""
+
+    path: Path
+    vehicles: Mapping[tuple[int, int], VehicleSamples]
+    salvage: Salvage
+
+
+def read(path: str | Path, *, dialect: str = "all") -> Recording:
+    """All attitude and inertial samples of a recording (.tlog, or a stream without times), as arrays.
+
+    Raises SourceError where the file cannot be used, UsageError for an unknown dialect.
+    """
+    path = Path(path)
+    tables = open_dialect(dialect)
+    _announce()
+    with _opened(path) as file:
+        scanner = Scanner(tables, timed=_is_timed(file, tables, path))
+        gathered: dict[tuple[int, int], _Gathered] = {}
+        n_frames = 0
+        for piece, last in _pieces(file):
+            frames = scanner.scan(piece, t_rx_us=-1, final=last)
+            ordinals = np.arange(n_frames, n_frames + len(frames))
+            n_frames += len(frames)
+            component = frames["sysid"].astype(np.int64) * 256 + frames["compid"]
+            for key in np.unique(component).tolist():
+                rows = np.flatnonzero((component == key) & (frames["duplicate"] == 0))
+                source = gathered.setdefault(divmod(key, 256), _Gathered(*divmod(key, 256), tables))
+                source.take(scanner, frames[rows], ordinals[rows])
+    vehicles = {key: source.samples() for key, source in sorted(gathered.items()) if source.reader.is_vehicle}
+    return Recording(path, vehicles, scanner.salvage)
+
+
+def check(
+    path: str | Path, profile: str = "default", *, settings: Settings | None = None, dialect: str = "all"
+) -> Report:
+    """Judge one recording; `report.to_dict()` is the contract's JSON.
+
+    Raises SourceError where the file cannot be used, UsageError for an unknown profile or dialect.
+    """
+    return Report((check_file(Path(path), settings or load_settings(profile), dialect=dialect),))
+
+
+def check_file(
+    path: Path,
+    settings: Settings,
+    *,
+    dialect: str = "all",
+    sysid: int | None = None,
+    from_s: float | None = None,
+    to_s: float | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Judge one recording and return its entry in the report.
+
+    `progress` is told bytes done and bytes in all. Raises SourceError where the file cannot be used, UsageError where
+    `from_s` is past its end or the file has no times to select by.
+    """
+    monitor = Monitor(settings=settings, dialect=dialect, sysid=sysid, from_s=from_s, to_s=to_s)
+    _announce()
+    with _opened(path) as file:
+        size = file.seek(0, 2)
+        timed = _is_timed(file, open_dialect(dialect), path)
+        if not timed and (from_s is not None or to_s is not None):
+            raise UsageError(f"{path}: has no record times, so --from and --to cannot select by them")
+        done = 0
+        for piece, _ in _pieces(file):
+            if timed:
+                monitor.feed_recording(piece)
+            else:
+                monitor.feed(piece, -1)
+            done += len(piece)
+            if progress is not None:
+                progress(done, size)
+    report = monitor.close()
+    if monitor.window_is_empty:
+        raise UsageError(f"{path}: nothing was recorded between --from and --to: {monitor.span_s:.1f} s in all")
+    return {**report.files[0], "path": str(path)}
+
+
+class _Gathered:
+    """The samples of one (system, component), piece by piece."""
+
+    def __init__(self, sysid: int, compid: int, dialect: Dialect) -> None:
+        self.reader = VehicleReader(sysid, compid, dialect, VehicleSettings(), with_imu=True)
+        self._attitude = [no_attitudes(ATTITUDE)]
+        self._quaternion = [no_attitudes(ATTITUDE_QUATERNION)]
+        self._imu: dict[str, list[ImuSamples]] = {}
+
+    def take(self, scanner: Scanner, frames: np.ndarray[Any, np.dtype[np.void]], ordinals: Any) -> None:
+        batch = self.reader.read(scanner.buffer, frames, ordinals, np.ones(len(frames), np.bool_))
+        self._attitude += [segment.euler for segment in batch.segments]
+        self._quaternion += [segment.quaternion for segment in batch.segments]
+        for name, samples in batch.imu.items():
+            self._imu.setdefault(name, []).append(samples)
+
+    def samples(self) -> VehicleSamples:
+        return VehicleSamples(
+            self.reader.autopilot,
+            self.reader.type,
+            AttitudeSamples.joined(self._attitude),
+            AttitudeSamples.joined(self._quaternion),
+            *(ImuSamples.joined(self._imu.get(name) or [no_imu(name)]) for name in IMU_MESSAGES),
+        )
+
+
+def _announce() -> None:
+    announce_first_compile(scan_kernel, gather, match_kernel)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO]:
+    """The file, open for reading; SourceError in one line for whatever keeps it from being read."""
+    try:
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        what = {FileNotFoundError: "no such file", IsADirectoryError: "is a folder", PermissionError: "no permission to read it"}
+        raise SourceError(f"{path}: {what.get(type(error), error.strerror or error)}") from None
+
+
+def _pieces(file: BinaryIO) -> Iterator[tuple[bytes, bool]]:
+    """The file's bytes, and with each piece whether it is the last."""
+    file.seek(0)
+    piece = file.read(_PIECE)
+    while piece:
+        following = file.read(_PIECE)
+        yield piece, not following
+        piece = following
+
+
+def _is_timed(file: BinaryIO, dialect: Dialect, path: Path) -> bool:
+    """Whether the file is a .tlog, not a stream without times: by which reading finds the frames in its beginning.
+
+    Read as a stream, a .tlog shows its frames too, so the reading with times wins unless it misses most of them.
+    Raises SourceError for a file that is empty, another format, or without a frame.
+    """
+    file.seek(0)
+    while probe := file.read(_PROBE):
+        for magic, what in _FOREIGN:
+            if file.tell() == len(probe) and probe.startswith(magic):
+                raise SourceError(f"{path}: {what}")
+        timed, stream = (len(Scanner(dialect, timed=timed).scan(probe, t_rx_us=-1, final=True)) for timed in (True, False))
+        if timed or stream:
+            return timed * 2 > stream
+    if not file.tell():
+        raise SourceError(f"{path}: the file is empty")
+    raise SourceError(f"{path}: no valid MAVLink frame in {file.tell()} bytes: not a telemetry recording")

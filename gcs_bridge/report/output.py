@@ -1,0 +1,56 @@
+"""Where a result goes: a file that is whole or not there, or standard output."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from gcs_bridge.errors import UsageError
+
+__all__ = ["refuse_unwritable", "write_file", "write_stdout"]
+
+
+def refuse_unwritable(path: Path, *, sources: list[Path]) -> None:
+    """Raise UsageError now, before any work, if the output could not be written or would replace a source."""
+    folder = Path(os.path.realpath(path)).parent
+    if path.is_dir():
+        raise UsageError(f"cannot write {path}: it is a folder")
+    if not folder.is_dir():
+        raise UsageError(f"cannot write {path}: there is no folder {folder}")
+    if path.exists() and any(source.exists() and path.samefile(source) for source in sources):
+        raise UsageError(f"cannot write {path}: it is one of the recordings to be read")
+    is_device = path.exists() and not path.is_file()  # is written to itself, its folder need not be
+    if not os.access(path if is_device else folder, os.W_OK):
+        raise UsageError(f"cannot write {path}: no permission")
+
+
+def write_file(text: str, path: Path) -> None:
+    """Write the file under a temporary name beside it, then rename it: a reader never sees half of it."""
+    target = Path(os.path.realpath(path))  # a link stays a link
+    try:
+        if target.exists() and not target.is_file():  # a device or pipe is written to, not replaced
+            target.write_text(text, encoding="utf-8")
+            return
+        temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+        try:
+            temporary.write_text(text, encoding="utf-8")
+            temporary.replace(target)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise UsageError(f"cannot write {path}: {error.strerror}") from error
+
+
+def write_stdout(text: str) -> None:
+    """Write to standard output, as UTF-8 whatever the terminal's encoding: JSON knows no other."""
+    try:
+        sys.stdout.flush()
+        rest = memoryview(text.encode())
+        while rest:  # with PYTHONUNBUFFERED a write may take a part only
+            rest = rest[sys.stdout.buffer.write(rest) or 0 :]
+        sys.stdout.buffer.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise UsageError(f"cannot write to standard output: {error.strerror}") from error

@@ -1,0 +1,243 @@
+"""The report for reading: plain lines of at most 100 columns, from the JSON report's dict and nothing else.
+
+Each vehicle's first line tells whether `euler_quaternion` could be judged, and how much. The last lines tell the
+verdict of each file and, where a message is missing, the command that requests it. Unknown is never shown as 0.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from gcs_bridge.errors import one_line
+from gcs_bridge.report.contract import COMPARATORS, LABELS, UNJUDGED, compared, sends_attitude
+
+__all__ = ["lines"]
+
+_Entry = Mapping[str, Any]
+
+_WIDTH = 100
+_NBSP = "\N{NO-BREAK SPACE}"
+_UNITS = {"deg": "°", "deg/s": " °/s", "": "", "1": ""}
+_REQUESTS = {"ATTITUDE": 30, "ATTITUDE_QUATERNION": 31}  # the two sides of euler_quaternion, by message id
+_REQUEST_INTERVAL_US = 40_000
+
+
+def lines(report: _Entry, *, detail: int = 0) -> list[str]:
+    """The report's lines; `detail` -1 keeps the last line of each file alone, 1 adds every number."""
+    files: Sequence[_Entry] = report["files"]
+    told = [] if detail < 0 else [line for entry in files for line in (*_file(entry, detail), "")]
+    return told + [line for entry in files for line in _conclusion(entry)]
+
+
+def _file(entry: _Entry, detail: int) -> Iterator[str]:
+    salvage = entry["salvage"]
+    yield f"{one_line(entry['path'])}  ({_size(entry['bytes'])}, {_count(salvage['frames'], 'frame')})"
+    damaged = salvage["bad_crc"] or salvage["skipped_bytes"] or salvage["gap_count"] or salvage["read_fraction"] != 1
+    if damaged or detail > 0:
+        yield from _row("damage" if damaged else "data", _salvage(salvage), indent=2)
+    if detail > 0:
+        for gap in salvage["gaps"]:
+            yield from _row("", f"gap of {_count(gap['bytes'], 'byte')} at byte {_number(gap['offset'])}", indent=2)
+    for vehicle in entry["vehicles"]:
+        yield from _vehicle(vehicle, detail)
+
+
+def _salvage(salvage: _Entry) -> str:
+    said = [
+        f"read {_percent(salvage['read_fraction'])} of the bytes",
+        f"{_number(salvage['bad_crc'])} with a bad checksum",
+        f"{_count(salvage['skipped_bytes'], 'byte')} skipped in {_count(salvage['gap_count'], 'gap')}",
+    ]
+    for key, word in (
+        ("repaired_crc", "repaired"),
+        ("unverified", "of unknown kind"),
+        ("duplicates", "duplicate"),
+        ("signed", "signed"),
+    ):
+        if salvage[key]:
+            said.append(f"{salvage[key]} {word}")
+    return ", ".join(map(_whole, said))
+
+
+def _vehicle(vehicle: _Entry, detail: int) -> Iterator[str]:
+    euler_quaternion = next((check for check in vehicle["checks"] if check["name"] == "euler_quaternion"), None)
+    yield (
+        f"  {_name(vehicle)} {vehicle['autopilot']} {vehicle['type']}  {LABELS[vehicle['verdict']]}  "
+        f"euler_quaternion {_judged(euler_quaternion)}"
+    )
+    for boot in vehicle["boots"]:
+        yield from _row(f"boot {boot['index']}", _boot(boot))
+    streams = [_stream(name, stream, detail) for name, stream in vehicle["streams"].items()]
+    yield from _row("streams", ", ".join(map(_whole, streams)) or "none")
+    for check in vehicle["checks"]:
+        yield from _row(check["name"], f"{LABELS[check['verdict']]:<10}  {_findings(check, detail)}")
+    for alarm in vehicle["alarms"]:
+        yield from _row(LABELS[alarm["severity"]], _alarm(alarm))
+
+
+def _judged(check: _Entry | None) -> str:
+    if check is None or check["verdict"] == "inop":
+        return "could not run"
+    if check["verdict"] == "no_compare":
+        return f"not judged (coverage {_percent(check['coverage'])})"
+    return f"judged over {_percent(check['coverage'])} of the time both came"
+
+
+def _boot(boot: _Entry) -> str:
+    first, last = boot["first_boot_s"], boot["last_boot_s"]
+    lasted = None if first is None or last is None else last - first
+    began = "" if boot["start_utc"] is None else f", started {boot['start_utc']}"
+    return f"{_seconds(first)} to {_seconds(last)} ({_seconds(lasted)}){began}"
+
+
+def _stream(name: str, stream: _Entry, detail: int) -> str:
+    notes = [f"{stream[key]} {key}" for key in ("lost", "invalid") if stream[key]]
+    if detail > 0:
+        notes = [_number(stream["count"]), f"longest gap {_seconds(stream['max_gap_s'], 2)}", *notes]
+    rate = "rate unknown" if stream["rate_hz"] is None else f"{stream['rate_hz']:.1f} Hz"
+    return f"{name} {rate}" + (f" ({', '.join(notes)})" if notes else "")
+
+
+def _findings(check: _Entry, detail: int) -> str:
+    """What a check found; where it could not judge, why."""
+    said = []
+    unit = check["unit"]
+    if check["verdict"] not in UNJUDGED:
+        said.append(_distribution(check["residual"], unit))
+        if check["pairs"] is not None:
+            same = "" if check["same_instant"] is None else f" ({check['same_instant']} at the same instant)"
+            said.append(_count(check["pairs"], "pair") + same)
+        for cause in check["explained_by"] or ():
+            estimated = " (estimated)" if cause["estimated"] else ""
+            said.append(f"explained by {cause['cause']} {_value(cause['value'], cause['unit'])}{estimated}")
+        if detail > 0 or check["explained_by"]:
+            said.append(f"raw {_distribution(check['raw'], unit)}")
+        if detail > 0:
+            said += [f"{part} {_distribution(check[part], unit)}" for part in ("tilt", "heading")]
+            said.append(f"lag {_value(check['lag_ms'], 'ms')}")
+    reason = [one_line(check["reason"])] if check["reason"] else []
+    return "; ".join([*map(_whole, said), *reason])
+
+
+def _distribution(numbers: _Entry | None, unit: str | None) -> str:
+    if not numbers:
+        return "unknown"
+    return ", ".join(f"{name} {_value(value, unit)}" for name, value in numbers.items())
+
+
+def _alarm(alarm: _Entry) -> str:
+    """One sentence or two: when, what, how much, where, and why if that is known."""
+    cleared = alarm["cleared_boot_s"]
+    until = "to the end" if cleared is None else f"to {_seconds(cleared)}"
+    utc = "" if alarm["raised_utc"] is None else f" (raised {alarm['raised_utc']})"
+    peak, tilt, heading = (_value(alarm[key], alarm["unit"]) for key in ("peak", "tilt", "heading"))
+    is_angle = alarm["check"] in COMPARATORS
+    how_much = f"differs by up to {peak}, tilt {tilt}, heading {heading}" if is_angle else f"up to {peak}"
+    said = (
+        f"{alarm['check']} from {_seconds(alarm['raised_boot_s'])} {until} of boot {_number(alarm['boot'])}{utc}: "
+        f"{how_much}."
+    )
+    diagnosis = alarm["diagnosis"]
+    return said if diagnosis is None else f"{said} {_diagnosis(diagnosis)}"
+
+
+def _diagnosis(diagnosis: _Entry) -> str:
+    value = "" if diagnosis["value"] is None else f" {_value(diagnosis['value'], diagnosis['unit'])}"
+    side = "" if diagnosis["side"] is None else f" in message {diagnosis['side']}"
+    said = f"Cause: {diagnosis['cause']}{value}{side} ({diagnosis['confidence']})."
+    others = [cause for cause in diagnosis["candidates"] or () if cause != diagnosis["cause"]]
+    if others:
+        said += f" Not yet told apart from {', '.join(others)}."
+    return f"{said} {one_line(diagnosis['fix'])}" if diagnosis["fix"] else said
+
+
+def _conclusion(entry: _Entry) -> Iterator[str]:
+    """The file's last line, verdict first, and the commands that would get what was missing."""
+    vehicles: Sequence[_Entry] = entry["vehicles"]
+    yield f"{LABELS[entry['verdict']]:<10}  {one_line(entry['path'])}: {_summary(vehicles)}"
+    # Where others send an attitude, a vehicle that sends none may have none: a tracker, a gimbal.
+    flying = [vehicle for vehicle in vehicles if sends_attitude(vehicle)]
+    for vehicle in flying or vehicles:
+        for command in _requests(vehicle):
+            yield f"            next, in MAVProxy for vehicle {vehicle['sysid']}: {command}"
+
+
+def _summary(vehicles: Sequence[_Entry]) -> str:
+    if not vehicles:
+        return "no vehicle"
+    said = [_count(len(vehicles), "vehicle")]
+    severities = [alarm["severity"] for vehicle in vehicles for alarm in vehicle["alarms"]]
+    said += [_count(severities.count(kind), kind) for kind in ("alarm", "warning") if kind in severities]
+    if not any(map(sends_attitude, vehicles)):
+        said.append("no attitude")
+    said += [f"vehicle {v['sysid']} not compared" for v in vehicles if sends_attitude(v) and not compared(v)]
+    return ", ".join(said if len(said) > 1 else [*said, "no alarm"])
+
+
+def _requests(vehicle: _Entry) -> list[str]:
+    """MAVProxy's commands that make the autopilot send the messages without which nothing can be compared."""
+    if any(check["name"] == "euler_quaternion" and check["verdict"] not in UNJUDGED for check in vehicle["checks"]):
+        return []
+    return [
+        f"long SET_MESSAGE_INTERVAL {number} {_REQUEST_INTERVAL_US}"
+        for message, number in _REQUESTS.items()
+        if not vehicle["streams"].get(message, {}).get("count")
+    ]
+
+
+def _row(label: str, said: str, *, indent: int = 6) -> list[str]:
+    """A labelled row, broken at spaces and continued under its text."""
+    head = f"{'':{indent}}{label:<{24 - indent}}  "
+    wrapped = textwrap.wrap(
+        said,
+        _WIDTH,
+        initial_indent=head,
+        subsequent_indent=" " * len(head),
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [line.replace(_NBSP, " ") for line in wrapped] or [head.rstrip()]
+
+
+def _whole(said: str) -> str:
+    """The words, kept on one line."""
+    return said.replace(" ", _NBSP)
+
+
+def _name(vehicle: _Entry) -> str:
+    return f"{vehicle['sysid']},{vehicle['compid']}"
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return "unknown"
+    return str(value) if isinstance(value, int) else f"{value:.3g}"
+
+
+def _value(value: float | Sequence[float] | None, unit: str | None) -> str:
+    if value is None:
+        return "unknown"
+    numbers = value if isinstance(value, Sequence) else [value]
+    return "/".join(_number(number) for number in numbers) + _UNITS.get(unit or "", f" {unit}")
+
+
+def _count(value: int | None, noun: str) -> str:
+    return f"{_number(value)} {noun}{'' if value == 1 else 's'}"
+
+
+def _seconds(value: float | None, digits: int = 1) -> str:
+    return "unknown" if value is None else f"{value:.{digits}f} s"
+
+
+def _percent(share: float | None) -> str:
+    """Rounded down: what is not whole must not look whole."""
+    return "unknown" if share is None else f"{math.floor(share * 1000 + 1e-9) / 10:g} %"
+
+
+def _size(size: int | None) -> str:
+    if size is None:
+        return "size unknown"
+    return f"{size / 1e6:.1f} MB" if size >= 1_000_000 else f"{size / 1e3:.1f} kB"

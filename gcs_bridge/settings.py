@@ -1,0 +1,230 @@
+"""Settings: TOML files and flags → one frozen, validated value; default < profile < file < flag.
+
+In files, angles are degrees and their keys end in `_deg`; here they become radians, once, and end in `_rad`.
+The structs below are the only list of keys, defaults and allowed ranges; `config/default.toml` explains them.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+from msgspec.structs import FieldInfo, fields, replace
+
+from gcs_bridge import resources
+from gcs_bridge.errors import UsageError, one_line
+
+__all__ = [
+    "AlignmentSettings",
+    "CheckSettings",
+    "EulerQuaternionSettings",
+    "FailOn",
+    "ResetSettings",
+    "Settings",
+    "SettingsError",
+    "StreamSettings",
+    "VehicleSettings",
+    "load_settings",
+    "profiles",
+]
+
+FailOn = Literal["warning", "alarm", "never"]
+
+_Angle = Annotated[float, Meta(gt=0, le=math.pi)]
+_Duration = Annotated[float, Meta(gt=0, le=3600)]
+_Delay = Annotated[float, Meta(ge=0, le=3600)]
+_Count = Annotated[int, Meta(ge=1, le=1000)]
+
+
+class SettingsError(UsageError, ValueError):
+    """A profile, file, key or value that cannot be used; one line that names it."""
+
+
+class AlignmentSettings(Struct, frozen=True, kw_only=True):
+    """How two streams become pairs at one instant."""
+
+    max_gap_s: _Duration = 1.0
+    same_instant_bound_rad: _Angle = math.radians(0.02)
+
+
+class ResetSettings(Struct, frozen=True, kw_only=True):
+    """When a step of the attitude is an estimator's reset."""
+
+    step_rad: _Angle = math.radians(2.2)
+    per_rate_s: Annotated[float, Meta(ge=0, le=1)] = 0.002
+
+
+class EulerQuaternionSettings(Struct, frozen=True, kw_only=True):
+    """ATTITUDE against ATTITUDE_QUATERNION: limits and delays."""
+
+    limit_rad: _Angle = math.radians(0.5)
+    usable_bound_rad: _Angle = math.radians(2.0)
+    bad_samples: _Count = 3
+    counted_samples: _Count = 5
+    window_s: _Duration = 5.0
+    on_delay_s: _Delay = 1.0
+    off_delay_s: _Delay = 2.0
+    clear_below: Annotated[float, Meta(gt=0, le=1)] = 0.7
+
+    def __post_init__(self) -> None:
+        if self.bad_samples > self.counted_samples:
+            raise ValueError(
+                f"bad_samples = {self.bad_samples} is more than counted_samples = {self.counted_samples}: "
+                "the alarm could never be raised"
+            )
+
+
+class StreamSettings(Struct, frozen=True, kw_only=True):
+    """When a stream counts as stale."""
+
+    stale_periods: Annotated[float, Meta(gt=0, le=1000)] = 5.0
+    stale_after_s: _Duration = 2.0
+
+
+class CheckSettings(Struct, frozen=True, kw_only=True):
+    """The `check` command."""
+
+    fail_on: FailOn = "alarm"
+
+
+class VehicleSettings(Struct, frozen=True, kw_only=True):
+    """What makes a vehicle."""
+
+    attitude_run: _Count = 10
+
+
+class Settings(Struct, frozen=True, kw_only=True):
+    """Every setting; `Settings()` holds the built-in defaults."""
+
+    alignment: AlignmentSettings = AlignmentSettings()
+    reset: ResetSettings = ResetSettings()
+    euler_quaternion: EulerQuaternionSettings = EulerQuaternionSettings()
+    stream: StreamSettings = StreamSettings()
+    check: CheckSettings = CheckSettings()
+    vehicle: VehicleSettings = VehicleSettings()
+
+
+def load_settings(
+    profile: str = "default",
+    config_file: Path | None = None,
+    overrides: Mapping[str, Mapping[str, object]] | None = None,
+) -> Settings:
+    """Settings of a shipped profile, then a file, then flags, each changing what the former left.
+
+    Raises SettingsError, whose one line names the file, the key and what would be right.
+    """
+    shipped = profiles()
+    if profile not in shipped:
+        raise SettingsError(f"unknown profile {profile!r}{_hint(profile, shipped)}")
+    settings = Settings()
+    for path in (shipped[profile], config_file):
+        if path is not None:
+            settings = _changed(settings, _read(path), origin=str(path))
+    return _changed(settings, overrides or {}, origin="command line")
+
+
+def profiles() -> dict[str, Path]:
+    """The shipped profiles: name → file."""
+    return {path.stem: path for path in sorted(resources.config_folder().glob("*.toml"))}
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        # Windows editors put a byte order mark first, which TOML does not know.
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise SettingsError(f"{path}, line {line}: not UTF-8, so not TOML") from None
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # numbers and nesting beyond Python's own limits included
+        said = str(error)
+        at = re.search(r"at line (\d+)", said)
+        line = int(at[1]) if at else text.count("\n") + 1
+        raise SettingsError(f"{path}, line {line}: not TOML: {re.sub(r' [(]at .*[)]$', '', said)}") from None
+
+
+def _changed(settings: Settings, table: Mapping[str, object], *, origin: str) -> Settings:
+    """The settings with what the table says; its keys are those of the files, in degrees."""
+    sections: dict[str, Struct] = {field.name: getattr(settings, field.name) for field in fields(settings)}
+    for name, values in table.items():
+        if name not in sections:
+            raise SettingsError(
+                f"{origin}: unknown section [{name}]{_elsewhere(name, sections) or _hint(name, sections)}"
+            )
+        if not isinstance(values, Mapping):
+            raise SettingsError(f"{origin}: {name} = {_shown(values)}: must be a section, [{name}]")
+        known = _keys(sections[name])
+        changes: dict[str, object] = {}
+        for key, value in values.items():
+            if key not in known:
+                hint = _elsewhere(key, sections) or _hint(key, known)
+                raise SettingsError(f"{origin}: unknown key {key!r} in [{name}]{hint}")
+            try:
+                changes[known[key].name] = _converted(value, known[key])
+            except msgspec.ValidationError:
+                raise SettingsError(
+                    f"{origin}: [{name}] {key} = {_shown(value)}: must be {_allowed(known[key])}"
+                ) from None
+        try:
+            sections[name] = replace(sections[name], **changes)
+        except ValueError as error:  # values that are right each, but not together
+            raise SettingsError(f"{origin}: [{name}] {error}") from None
+    return replace(settings, **sections)
+
+
+def _keys(section: Struct) -> dict[str, FieldInfo]:
+    """A section's keys as files write them."""
+    return {re.sub("_rad$", "_deg", field.name): field for field in fields(section)}
+
+
+def _is_angle(field: FieldInfo) -> bool:
+    return field.name.endswith("_rad")
+
+
+def _converted(value: object, field: FieldInfo) -> object:
+    if _is_angle(field):
+        value = math.radians(msgspec.convert(value, float))
+    return msgspec.convert(value, field.type)
+
+
+def _allowed(field: FieldInfo) -> str:
+    """What a field's type and range allow, in words and in the file's unit."""
+    kind = msgspec.inspect.type_info(field.type)
+    if isinstance(kind, msgspec.inspect.LiteralType):
+        return "one of " + ", ".join(f'"{value}"' for value in kind.values)
+    said = "a whole number" if isinstance(kind, msgspec.inspect.IntType) else "a number"
+    for word, bound in (("above", "gt"), ("at least", "ge"), ("below", "lt"), ("at most", "le")):
+        limit = getattr(kind, bound, None)
+        if limit is not None:
+            said += f", {word} {math.degrees(limit) if _is_angle(field) else limit:g}"
+    return said
+
+
+def _elsewhere(key: str, sections: Mapping[str, Struct]) -> str:
+    """A key in the wrong section, or in none, belongs somewhere."""
+    homes = [f"[{name}]" for name, section in sections.items() if key in _keys(section)]
+    return f"; the key {key} belongs in {' or '.join(homes)}" if homes else ""
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    """The nearest right name, or all of them."""
+    near = difflib.get_close_matches(name, known, n=1)
+    return f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known)}"
+
+
+def _shown(value: object) -> str:
+    try:
+        text = one_line(repr(value))
+    except ValueError:  # an integer with more digits than Python prints
+        return "a huge number"
+    return text if len(text) <= 40 else text[:39] + "…"
