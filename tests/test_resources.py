@@ -1,0 +1,44 @@
+"""Shipped data: found in a wheel and in a checkout."""
+
+from pathlib import Path
+
+import pytest
+
+from gcs_bridge import resources
+from gcs_bridge.errors import UsageError
+
+ROOT = Path(__file__).parents[1]
+
+
+def wheel_and_checkout(folder: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+    """An empty place that the module takes for its own, and the places of its data."""
+    package = folder / "gcs_bridge"
+    monkeypatch.setattr(resources, "_PACKAGE", package)
+    return package / "_data" / "config", folder / "config"
+
+
+def test_shipped_data_are_here() -> None:
+    """The config folder and the demo recording are found by whatever means the package is installed."""
+    assert (resources.config_folder() / "default.toml").is_file()
+    assert resources.demo_recording().stat().st_size > 100_000
+
+
+def test_demo_is_the_fixture() -> None:
+    """The demo recording is the fixture, byte for byte: a wheel carries it under another name."""
+    assert resources.demo_recording().read_bytes() == (ROOT / "sitl_fixtures" / "a_copter_square.tlog").read_bytes()
+
+
+def test_a_wheel_uses_its_own_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Data inside the package win over a folder beside it, which in site-packages is somebody else's."""
+    in_wheel, beside = wheel_and_checkout(tmp_path, monkeypatch)
+    beside.mkdir(parents=True)
+    assert resources.config_folder() == beside
+    in_wheel.mkdir(parents=True)
+    assert resources.config_folder() == in_wheel
+
+
+def test_missing_data_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An incomplete installation says so in one line."""
+    wheel_and_checkout(tmp_path, monkeypatch)
+    with pytest.raises(UsageError, match="config is missing from this installation"):
+        resources.config_folder()
