@@ -60,9 +60,9 @@ class Worst(NamedTuple):
 
 
 class Change(NamedTuple):
-    """A change of state, at sample `index` of the batch; `worst` is the excursion's peak so far."""
+    """A change of state, at sample `place` of the batch; `worst` is the excursion's peak so far."""
 
-    index: int
+    place: int
     before: State
     state: State
     t_boot_us: int

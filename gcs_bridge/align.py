@@ -5,8 +5,8 @@ interpolated at its time: a cubic Hermite in the rotation vector, which uses the
 way round, or latest against latest, shows tens of degrees on healthy aircraft.) Nothing is interpolated across a
 reboot, a gap that is too long, or a step that the stream's own rates deny.
 
-`match_kernel` decides which samples form a pair, one sample after the other in order of arrival, so it cannot depend on how
-they were cut into batches. What a pair is worth is computed for all of a batch's pairs at once.
+`match_kernel` decides which samples form a pair, one sample after the other in order of arrival, so it cannot depend
+on how they were cut into batches. What a pair is worth is computed for all of a batch's pairs at once.
 """
 
 from __future__ import annotations
@@ -74,12 +74,10 @@ class _State(NamedTuple):
 
 
 def _new_state() -> _State:
-    state = _State(
-        np.zeros((2, 8), np.int64),
-        np.full(1, _UNKNOWN),
-        *(np.zeros((2, _RING), np.int64) for _ in range(4)),
-        np.zeros((2, _BLOCK), np.int64),
-    )
+    def ring(size: int) -> Int64s:
+        return np.zeros((2, size), np.int64)
+
+    state = _State(ring(8), np.full(1, _UNKNOWN), ring(_RING), ring(_RING), ring(_RING), ring(_RING), ring(_BLOCK))
     state.of[:, [_LATEST, _PERIOD, _RX_PERIOD]] = _UNKNOWN
     return state
 
@@ -313,7 +311,7 @@ class Pairs:
 
 @dataclass(frozen=True)
 class Aligned:
-    """A batch's pairs, and per sample of the batch its stream's period then known, in boot and receive time (µs, −1)."""
+    """A batch's pairs, and per sample its stream's period as known by then, in boot and in receive time (µs, −1)."""
 
     pairs: Pairs
     period_us: Int64s

@@ -22,9 +22,9 @@ JUMP_US = 60_000_000  # a longer step forward needs the receive time, or a secon
 
 
 class ClockChange(NamedTuple):
-    """Where a clock did something else than go on: `index` in the batch, the new time, and how far it stepped."""
+    """Where a clock did something else than go on: `place` in the batch, the new time, and how far it stepped."""
 
-    index: int
+    place: int
     boot: int
     kind: str  # "reboot" or "clock_step"
     t_boot_us: int
@@ -33,7 +33,7 @@ class ClockChange(NamedTuple):
 
 @dataclass(frozen=True)
 class BootTimes:
-    """Times of one batch, shape (n,): the boot each message belongs to, µs since that boot, and which times are believed."""
+    """Times of one batch, shape (n,): the boot of each message, µs since that boot, and which times are believed."""
 
     boot: Int64s
     t_boot_us: Int64s
@@ -58,33 +58,32 @@ class BootClock:
         The first message behind a reboot, or behind a jump, is not believed before a second one confirms it.
         """
         n = len(time_boot_ms)
-        t = time_boot_ms.astype(np.int64) * 1000 + self._epoch_us
-        if n and self.latest_us is None:
-            self.latest_us = int(t[0])
-        before = np.maximum.accumulate(np.concatenate(([self.latest_us or 0], t)))
-        step = t - before[:-1]
-        if n and self._doubted_us is None and step.min() >= -REORDER_US and step.max() <= JUMP_US:
-            self.latest_us = int(before[-1])
-            self._rx_us = int(t_rx_us[-1])
-            return BootTimes(np.full(n, self.boot), t, np.ones(n, np.bool_))
-        return self._read_one_by_one(time_boot_ms.tolist(), t_rx_us.tolist())
-
-    def _read_one_by_one(self, time_boot_ms: list[int], t_rx_us: list[int]) -> BootTimes:
-        boots: list[int] = []
-        times: list[int] = []
-        believed: list[bool] = []
+        boot, t_boot_us, believed = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.bool_)
         changes: list[ClockChange] = []
-        for index, (ms, rx) in enumerate(zip(time_boot_ms, t_rx_us, strict=True)):
-            t, change = self._read_next(ms, rx)
-            if change is not None:
-                changes.append(ClockChange(index, self.boot, *change))
-            boots.append(self.boot)
-            times.append(t)
-            believed.append(self._doubted_us is None)
-        as_array = np.array
-        return BootTimes(
-            as_array(boots, np.int64), as_array(times, np.int64), as_array(believed, np.bool_), tuple(changes)
-        )
+        place = 0
+        while place < n:
+            times = self._plain(time_boot_ms[place:])
+            until = place + len(times)
+            boot[place:until], t_boot_us[place:until], believed[place:until] = self.boot, times, True
+            if until > place:
+                self.latest_us = max(int(times.max()), self.latest_us or 0)
+                self._rx_us = int(t_rx_us[until - 1])
+            if until < n:
+                t_boot_us[until], change = self._read_next(int(time_boot_ms[until]), int(t_rx_us[until]))
+                boot[until], believed[until] = self.boot, self._doubted_us is None
+                if change is not None:
+                    changes.append(ClockChange(until, self.boot, *change))
+            place = until + 1
+        return BootTimes(boot, t_boot_us, believed, tuple(changes))
+
+    def _plain(self, time_boot_ms: npt.NDArray[np.uint32]) -> Int64s:
+        """Times of the messages up to the first that needs a closer look: the common case, at once."""
+        if self._doubted_us is not None:
+            return np.empty(0, np.int64)
+        t = time_boot_ms.astype(np.int64) * 1000 + self._epoch_us
+        latest = np.maximum.accumulate(np.concatenate((t[:1] if self.latest_us is None else [self.latest_us], t)))[:-1]
+        odd = np.flatnonzero((t - latest < -REORDER_US) | (t - latest > JUMP_US))
+        return t[: odd[0]] if len(odd) else t
 
     def _read_next(self, ms: int, rx: int) -> tuple[int, tuple[str, int, int] | None]:
         latest = self.latest_us if self.latest_us is not None else ms * 1000

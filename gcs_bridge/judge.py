@@ -1,9 +1,9 @@
-"""Judges one vehicle: its samples become pairs, disagreements, alarms and notices, and at the end an entry of the report."""
+"""Judges one vehicle: samples become pairs, disagreements, alarms and notices, and at the end a report's entry."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.alarms import Alarm, Change, State, Worst
-from gcs_bridge.align import Aligner
-from gcs_bridge.checks.euler_quaternion import NAME, EulerQuaternion
+from gcs_bridge.align import Aligner, Pairs
+from gcs_bridge.checks.euler_quaternion import NAME, Disagreement, EulerQuaternion
 from gcs_bridge.events import Notice, make_event, utc
 from gcs_bridge.liveness import OTHER, LinkClock, Liveness, Timeline, Turn
 from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION
@@ -56,7 +56,7 @@ class StreamCount:
         return steps
 
     def add_losses(self, steps: Int64s, period_us: Int64s, frames_lost: Int64s) -> None:
-        """Count the samples that are missing: as many as the interval has room for, and as the sequence misses frames."""
+        """Count missing samples: as many as the interval has room for, and no more than the sequence misses frames."""
         if self.lost is None:
             self.lost, self._last_lost = 0, int(frames_lost[0])
         missing = np.diff(frames_lost, prepend=self._last_lost)
@@ -103,6 +103,19 @@ class AlarmRecord:
         self.heading, self.rotvec_body = None if math.isnan(heading) else heading, rotvec
 
 
+@dataclass(frozen=True)
+class Observation:
+    """What one batch showed of a vehicle: its samples, the pairs they made, and the disagreement of each pair."""
+
+    vehicle: tuple[int, int]
+    segment: Segment
+    pairs: Pairs
+    disagreement: Disagreement
+
+
+Observer = Callable[[Observation], None]
+
+
 class _Boot:
     """What is followed within one boot of the vehicle."""
 
@@ -128,9 +141,10 @@ class _Boot:
 class VehicleJudge:
     """Judges one vehicle, batch by batch."""
 
-    def __init__(self, key: tuple[int, int], settings: Settings) -> None:
-        """Start with nothing judged; `key` is (system, component)."""
+    def __init__(self, key: tuple[int, int], settings: Settings, observer: Observer | None = None) -> None:
+        """Start with nothing judged; `key` is (system, component), `observer` is shown what is judged."""
         self.key = key
+        self._observer = observer
         self.alarms: list[AlarmRecord] = []
         self._settings = settings
         self._boots: list[dict[str, Any]] = []
@@ -197,15 +211,18 @@ class VehicleJudge:
         line = Timeline(
             np.minimum(segment.message, OTHER),
             segment.t_boot_us,
-            segment.t_rx_us,
+            link.latest_rx_us[segment.ordinal - link.ordinal[0]],
             segment.ordinal,
-            *periods,
+            periods[0],
+            periods[1],
         )
         yield from self._turns(boot.liveness.take(line, link), link)
 
-        rated, rows = self._check.judge(aligned.pairs)
+        found, rated, rows = self._check.judge(aligned.pairs)
+        if self._observer is not None:
+            self._observer(Observation(self.key, segment, aligned.pairs, found))
         for change in boot.alarm.feed(rated):
-            at = paired[aligned.pairs.trigger[rows[change.index]]]
+            at = paired[aligned.pairs.trigger[rows[change.place]]]
             yield from self._alarm_notices(boot, change, int(segment.ordinal[at]), int(segment.t_rx_us[at]))
         if boot.record is not None and boot.alarm.state is not State.NORMAL:
             boot.record.show(boot.alarm.worst)
@@ -241,8 +258,7 @@ class VehicleJudge:
         boot = self._boot
         assert boot is not None
         for turn in turns:
-            t_rx_us = int(link.latest_rx_us[min(np.searchsorted(link.ordinal, turn.ordinal), len(link.ordinal) - 1)])
-            where = (self.key, boot.index, turn.t_boot_us, t_rx_us)
+            where = (self.key, boot.index, turn.t_boot_us, link.at(turn.ordinal))
             stream = STREAMS[turn.stream]
             if turn.what != "missing":
                 yield Notice(turn.ordinal, make_event(f"stream_{turn.what}", *where, stream=stream))

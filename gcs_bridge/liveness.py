@@ -7,7 +7,6 @@ the vehicle's boot clock while any of its timed messages comes, and on receive t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,13 +19,12 @@ Int64s = npt.NDArray[np.int64]
 OTHER = 2  # a timed message that is neither of the two attitude streams
 
 
-@dataclass(frozen=True)
-class Timeline:
+class Timeline(NamedTuple):
     """A vehicle's timed messages within one boot, in order of arrival; n of them.
 
-    `stream` (n,) 0 ATTITUDE, 1 ATTITUDE_QUATERNION, 2 any other; `t_boot_us`, `t_rx_us` (n,), −1 for an unknown receive
-    time; `ordinal` (n,) of the frame in its link; `period_us`, `rx_period_us` (n,) of the message's stream as known by
-    then, −1 where not.
+    `stream` (n,) 0 ATTITUDE, 1 ATTITUDE_QUATERNION, 2 any other; `t_boot_us` (n,); `t_rx_us` (n,) by the link's
+    clock, −1 where unknown; `ordinal` (n,) of the frame in its link; `period_us`, `rx_period_us` (n,) of the message's
+    stream as known by then, −1 where not.
     """
 
     stream: Int64s
@@ -36,12 +34,36 @@ class Timeline:
     period_us: Int64s
     rx_period_us: Int64s
 
+    def parts(self) -> Iterator[Timeline]:
+        """The same in short pieces, so that what happens in one does not slow down the others."""
+        for start in range(0, len(self.stream), _PART):
+            yield Timeline(*(column[start : start + _PART] for column in self))
+
+
+_PART = 256
+
 
 class LinkClock(NamedTuple):
-    """The receive time of a link, frame by frame: `ordinal` (n,) and the latest receive time so far (n,), µs."""
+    """The receive time of a link, frame by frame: `ordinal` (n,), consecutive, and the latest receive time (n,), µs."""
 
     ordinal: Int64s
     latest_rx_us: Int64s
+
+    def at(self, ordinal: int) -> int:
+        """The receive time at a frame of this batch."""
+        return int(self.latest_rx_us[ordinal - int(self.ordinal[0])])
+
+
+def latest_rx(t_rx_us: Int64s, latest_us: int) -> Int64s:
+    """The receive time so far, µs: record times that run back a little don't turn it back, a clock set back does."""
+    latest = np.maximum(np.maximum.accumulate(t_rx_us), latest_us)
+    for restart in np.flatnonzero(latest - t_rx_us > SET_BACK_US):
+        if latest[restart] - t_rx_us[restart] > SET_BACK_US:
+            latest[restart:] = np.maximum.accumulate(t_rx_us[restart:])
+    return latest
+
+
+SET_BACK_US = 10_000_000
 
 
 class Turn(NamedTuple):
@@ -62,8 +84,14 @@ class _Stream:
         self.rx_period_us = -1
 
     def learn(self, period_us: int, rx_period_us: int) -> None:
-        self.period_us = max(period_us, self.period_us) if period_us < 0 else period_us
-        self.rx_period_us = max(rx_period_us, self.rx_period_us) if rx_period_us < 0 else rx_period_us
+        """Take what is known of the stream's period now; −1 changes nothing."""
+        self.period_us = period_us if period_us >= 0 else self.period_us
+        self.rx_period_us = rx_period_us if rx_period_us >= 0 else self.rx_period_us
+
+
+def _last_known(values: Int64s) -> int:
+    known = values[values >= 0]
+    return int(known[-1]) if len(known) else -1
 
 
 class Liveness:
@@ -77,6 +105,7 @@ class Liveness:
         self._first_us: int | None = None
         self._latest_us = 0
         self._latest_rx_us = -1
+        self._latest_ordinal = -1
         self._both_us = 0  # closed stretches of time in which both were alive
         self._both_since_us: int | None = None
         self._missing_told = False
@@ -94,23 +123,28 @@ class Liveness:
 
     def take(self, line: Timeline, link: LinkClock) -> Iterator[Turn]:
         """Follow the next messages, and the clock of the link that brought them; yield what starts, ends or resumes."""
-        if self._nothing_new(line):
-            for k, stream in enumerate(self.streams):
-                mine = np.flatnonzero(line.stream == k)
-                if len(mine):
-                    stream.last_us = max(stream.last_us, int(line.t_boot_us[mine].max()))
-                    for period, rx_period in zip(line.period_us[mine], line.rx_period_us[mine], strict=True):
-                        stream.learn(int(period), int(rx_period))
-            self._latest_us = max(self._latest_us, int(line.t_boot_us.max()))
-            self._latest_rx_us = max(self._latest_rx_us, int(line.t_rx_us.max()))
-            return
-        columns = (line.stream, line.t_boot_us, line.t_rx_us, line.ordinal, line.period_us, line.rx_period_us)
-        for k, t_us, t_rx_us, ordinal, period_us, rx_period_us in zip(*(c.tolist() for c in columns), strict=True):
+        for part in (line,) if self._nothing_new(line) else line.parts():
+            if self._nothing_new(part):
+                self._take_at_once(part)
+            else:
+                yield from self._take_one_by_one(part, link)
+
+    def _take_at_once(self, line: Timeline) -> None:
+        for k, stream in enumerate(self.streams):
+            mine = np.flatnonzero(line.stream == k)
+            if len(mine):
+                stream.last_us = max(stream.last_us, int(line.t_boot_us[mine].max()))
+                stream.learn(_last_known(line.period_us[mine]), _last_known(line.rx_period_us[mine]))
+        self._latest_us = max(self._latest_us, int(line.t_boot_us.max()))
+        self._latest_rx_us, self._latest_ordinal = int(line.t_rx_us[-1]), int(line.ordinal[-1])
+
+    def _take_one_by_one(self, line: Timeline, link: LinkClock) -> Iterator[Turn]:
+        for k, t_us, t_rx_us, ordinal, period_us, rx_period_us in zip(*(c.tolist() for c in line), strict=True):
             if self._first_us is None:
                 self._first_us = self._latest_us = t_us
             yield from self.pass_silence(link, ordinal)
             self._latest_us = max(self._latest_us, t_us)
-            self._latest_rx_us = max(self._latest_rx_us, t_rx_us)
+            self._latest_rx_us, self._latest_ordinal = t_rx_us, ordinal
             yield from self._pass_deadlines(ordinal, except_stream=k)
             if k != OTHER:
                 yield from self._hear(k, t_us, ordinal)
@@ -120,17 +154,17 @@ class Liveness:
         """Streams whose deadline passes on receive time, while nothing of the vehicle came, are stale."""
         if self._latest_rx_us < 0 or not len(link.ordinal):
             return
-        if link.latest_rx_us[-1] - self._latest_rx_us <= self._shortest_us:
+        first = int(link.ordinal[0])
+        since = max(self._latest_ordinal + 1 - first, 0)
+        until = len(link.ordinal) if until_ordinal is None else until_ordinal + 1 - first
+        silence_us = link.latest_rx_us[since:until] - self._latest_rx_us
+        if not len(silence_us) or silence_us[-1] <= self._shortest_us:
             return
         for k, stream in enumerate(self.streams):
-            if not stream.alive:
-                continue
-            deadline_rx_us = self._latest_rx_us + self._deadline_us(stream.rx_period_us)
-            index = int(np.searchsorted(link.latest_rx_us, deadline_rx_us, side="right"))
-            if index == len(link.ordinal) or (until_ordinal is not None and link.ordinal[index] > until_ordinal):
-                continue
-            at_us = max(stream.last_us + self._deadline_us(stream.period_us), self._latest_us)
-            yield from self._stale(k, at_us, int(link.ordinal[index]))
+            passed = np.flatnonzero(silence_us > self._deadline_us(stream.rx_period_us))
+            if stream.alive and len(passed):
+                at_us = max(stream.last_us + self._deadline_us(stream.period_us), self._latest_us)
+                yield from self._stale(k, at_us, int(link.ordinal[since + passed[0]]))
 
     def _nothing_new(self, line: Timeline) -> bool:
         """Whether no stream can start, resume or go stale with these messages: the common case, told at once."""

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event, Notice, in_order, make_event
-from gcs_bridge.judge import STREAMS, VehicleJudge
-from gcs_bridge.liveness import LinkClock
+from gcs_bridge.judge import STREAMS, Observer, VehicleJudge
+from gcs_bridge.liveness import LinkClock, latest_rx
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
 from gcs_bridge.mavlink.scan import Frames, Salvage, Scanner
 from gcs_bridge.report import Report
@@ -43,19 +43,22 @@ class Monitor:
         sysid: int | None = None,
         from_s: float | None = None,
         to_s: float | None = None,
+        observer: Observer | None = None,
     ) -> None:
         """Take the settings of `profile`, or `settings`; judge `sysid` alone, or between two times after the start.
 
+        `observer` is shown each vehicle's samples and pairs as they are judged.
         Raises UsageError for an unknown profile or dialect.
         """
         self._settings = settings or load_settings(profile)
         self._dialect = open_dialect(dialect)
         self._sysid = sysid
         self._window_s = (from_s, to_s)
+        self._observer = observer
         self._links: dict[int | str, _Link] = {}
 
     def open_link(self, link: int, *, datagrams: bool = False) -> None:
-        """Say before its first bytes that `link` brings datagrams: each call of `feed` is then one, with its borders."""
+        """Say before its first bytes that `link` brings datagrams: each `feed` is then one, with its borders."""
         if link in self._links:
             raise ValueError(f"link {link} is open already")
         self._new_link(link, timed=False, datagrams=datagrams)
@@ -93,7 +96,7 @@ class Monitor:
 
     def _new_link(self, name: int | str, *, timed: bool, datagrams: bool = False) -> _Link:
         scanner = Scanner(self._dialect, timed=timed)
-        link = _Link(scanner, datagrams, self._dialect, self._settings, self._sysid, self._window_s)
+        link = _Link(scanner, datagrams, self._dialect, self._settings, self._sysid, self._window_s, self._observer)
         self._links[name] = link
         return link
 
@@ -143,6 +146,7 @@ class _Link:
         settings: Settings,
         sysid: int | None,
         window_s: tuple[float | None, float | None],
+        observer: Observer | None,
     ) -> None:
         self.frames = 0
         self.in_window = 0
@@ -152,6 +156,7 @@ class _Link:
         self._settings = settings
         self._sysid = sysid
         self._window_s = window_s
+        self._observer = observer
         self._start_us: int | None = None
         self._latest_rx_us = -1
         self._vehicles: dict[int, _Vehicle] = {}
@@ -196,10 +201,10 @@ class _Link:
     def _judge(self, frames: Frames) -> Iterator[Notice]:
         ordinals = np.arange(self.frames, self.frames + len(frames))
         self.frames += len(frames)
-        latest_rx_us = np.maximum(np.maximum.accumulate(frames["t_rx_us"]), self._latest_rx_us)
+        latest_rx_us = latest_rx(frames["t_rx_us"], self._latest_rx_us)
         self._latest_rx_us = int(latest_rx_us[-1])
-        if self._start_us is None:
-            self._start_us = int(frames["t_rx_us"][0])
+        if self._start_us is None and latest_rx_us[-1] > 0:
+            self._start_us = int(frames["t_rx_us"][frames["t_rx_us"] > 0][0])  # a damaged first time reads as 0
         in_window = self._in_window(frames["t_rx_us"])
         self.in_window += int(in_window.sum())
         component = frames["sysid"].astype(np.int64) * 256 + frames["compid"]
@@ -219,7 +224,7 @@ class _Link:
     def _new_vehicle(self, key: int) -> _Vehicle:
         sysid, compid = divmod(key, 256)
         reader = VehicleReader(sysid, compid, self._dialect, self._settings.vehicle)
-        vehicle = _Vehicle(reader, VehicleJudge((sysid, compid), self._settings))
+        vehicle = _Vehicle(reader, VehicleJudge((sysid, compid), self._settings, self._observer))
         self._vehicles[key] = vehicle
         return vehicle
 

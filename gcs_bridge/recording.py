@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from gcs_bridge.align import match_kernel
 from gcs_bridge.errors import SourceError, UsageError
 from gcs_bridge.mavlink.decode import gather
 from gcs_bridge.mavlink.dialect import Dialect
-from gcs_bridge.mavlink.jit import announce_first_compile
+from gcs_bridge.mavlink.jit import needs_compiling
 from gcs_bridge.mavlink.scan import Salvage, Scanner, scan_kernel
 from gcs_bridge.monitor import Monitor, open_dialect
 from gcs_bridge.report import Report
@@ -37,7 +38,10 @@ _PROBE = 2**20  # bytes by which a recording is told from a stream without times
 
 # Other flight logs by their first bytes, each with the tool that reads it.
 _FOREIGN = (
-    (b"\xa3\x95", "an on-board log (ArduPilot .bin, PX4 .px4log), not telemetry: open it with mavlogdump.py or MAVExplorer"),
+    (
+        b"\xa3\x95",
+        "an on-board log (ArduPilot .bin, PX4 .px4log), not telemetry: use MAVExplorer or pymavlink",
+    ),
     (b"ULog\x01\x12\x35", "a PX4 .ulg on-board log, not telemetry: open it with pyulog or Flight Review"),
     (b"\x89MCAP0\r\n", "an MCAP file, not telemetry: open it with Foxglove"),
     (b"RRF", "a rerun recording, not telemetry: open it with `rerun`"),
@@ -80,7 +84,7 @@ def read(path: str | Path, *, dialect: str = "all") -> Recording:
     _announce()
     with _opened(path) as file:
         scanner = Scanner(tables, timed=_is_timed(file, tables, path))
-        gathered: dict[tuple[int, int], _Gathered] = {}
+        gathered: dict[int, _Gathered] = {}
         n_frames = 0
         for piece, last in _pieces(file):
             frames = scanner.scan(piece, t_rx_us=-1, final=last)
@@ -89,9 +93,11 @@ def read(path: str | Path, *, dialect: str = "all") -> Recording:
             component = frames["sysid"].astype(np.int64) * 256 + frames["compid"]
             for key in np.unique(component).tolist():
                 rows = np.flatnonzero((component == key) & (frames["duplicate"] == 0))
-                source = gathered.setdefault(divmod(key, 256), _Gathered(*divmod(key, 256), tables))
+                source = gathered.get(key) or gathered.setdefault(key, _Gathered(key // 256, key % 256, tables))
                 source.take(scanner, frames[rows], ordinals[rows])
-    vehicles = {key: source.samples() for key, source in sorted(gathered.items()) if source.reader.is_vehicle}
+    vehicles = {
+        source.reader.key: source.samples() for _, source in sorted(gathered.items()) if source.reader.is_vehicle
+    }
     return Recording(path, vehicles, scanner.salvage)
 
 
@@ -169,7 +175,10 @@ class _Gathered:
 
 
 def _announce() -> None:
-    announce_first_compile(scan_kernel, gather, match_kernel)
+    """Say before the wait that the kernels are compiled now: it happens once on a machine, and takes seconds."""
+    if needs_compiling(scan_kernel, gather, match_kernel):
+        sys.stderr.write("gcs-bridge: compiling its kernels, once on this machine (some seconds)\n")
+        sys.stderr.flush()
 
 
 @contextmanager
@@ -179,8 +188,7 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
         with path.open("rb") as file:
             yield file
     except OSError as error:
-        what = {FileNotFoundError: "no such file", IsADirectoryError: "is a folder", PermissionError: "no permission to read it"}
-        raise SourceError(f"{path}: {what.get(type(error), error.strerror or error)}") from None
+        raise SourceError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}") from None
 
 
 def _pieces(file: BinaryIO) -> Iterator[tuple[bytes, bool]]:
@@ -204,7 +212,8 @@ def _is_timed(file: BinaryIO, dialect: Dialect, path: Path) -> bool:
         for magic, what in _FOREIGN:
             if file.tell() == len(probe) and probe.startswith(magic):
                 raise SourceError(f"{path}: {what}")
-        timed, stream = (len(Scanner(dialect, timed=timed).scan(probe, t_rx_us=-1, final=True)) for timed in (True, False))
+        timed = len(Scanner(dialect, timed=True).scan(probe, final=True))
+        stream = len(Scanner(dialect, timed=False).scan(probe, final=True))
         if timed or stream:
             return timed * 2 > stream
     if not file.tell():

@@ -101,7 +101,7 @@ def attitude_quaternion_samples(records: Records, boot: Int64s, t_boot_us: Int64
     q = _columns(records, "q1", "q2", "q3", "q4")
     w = _columns(records, "rollspeed", "pitchspeed", "yawspeed")
     norm = np.sqrt(q[:, 0] ** 2 + q[:, 1] ** 2 + q[:, 2] ** 2 + q[:, 3] ** 2)
-    valid = _finite(q) & (np.abs(norm - 1.0) <= NORM_TOLERANCE)
+    valid: Mask = _finite(q) & (np.abs(norm - 1.0) <= NORM_TOLERANCE)
     return AttitudeSamples(t_boot_us, boot, t_rx_us, q, w, valid, ATTITUDE_QUATERNION)
 
 
@@ -172,5 +172,4 @@ def _columns(records: Records, *names: str) -> Floats:
 
 def _finite(rows: Floats) -> Mask:
     """Which rows hold numbers only."""
-    finite: Mask = np.isfinite(rows).all(axis=1)
-    return finite
+    return np.asarray(np.isfinite(rows).all(axis=1))

@@ -110,7 +110,9 @@ class VehicleReader:
         """
         self._read_heartbeats(buffer, frames, ordinals)
         rows_of = [self._rows(frames, name) for name in TIMED]
-        records_of = [decode(buffer, frames[rows], self._dialect[name]) for rows, name in zip(rows_of, TIMED, strict=True)]
+        records_of = [
+            decode(buffer, frames[rows], self._dialect[name]) for rows, name in zip(rows_of, TIMED, strict=True)
+        ]
         rows = np.concatenate(rows_of)
         order = np.argsort(rows)
         rows = rows[order]
@@ -120,7 +122,8 @@ class VehicleReader:
         t_rx_us = frames["t_rx_us"][rows]
         times = self.clock.read(time_boot_ms, t_rx_us)
         changes = [
-            ClockNotice(change, int(ordinals[rows[change.index]]), int(t_rx_us[change.index])) for change in times.changes
+            ClockNotice(change, int(ordinals[rows[change.place]]), int(t_rx_us[change.place]))
+            for change in times.changes
         ]
 
         segments = []

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
-from gcs_bridge.align import Pairs
 from gcs_bridge.alarms import Rated
+from gcs_bridge.align import Pairs
 from gcs_bridge.settings import EulerQuaternionSettings
 from gcs_bridge.statistics import Quantiles
 
@@ -74,8 +74,11 @@ class EulerQuaternion:
         """Forget what counts within one boot alone."""
         self._last_bracket = -1
 
-    def judge(self, pairs: Pairs) -> tuple[Rated, npt.NDArray[np.int64]]:
-        """Rate the pairs that count; returns them and their rows. `detail` is tilt, heading and the rotation vector, rad."""
+    def judge(self, pairs: Pairs) -> tuple[Disagreement, Rated, npt.NDArray[np.int64]]:
+        """Compare the pairs; return that, the ones that count as rated samples, and their rows.
+
+        The samples' `detail` is tilt, heading and the rotation vector, in rad.
+        """
         found = compare(pairs, self._settings, self._last_bracket)
         if len(pairs):
             self._last_bracket = int(pairs.bracket[-1])
@@ -89,7 +92,7 @@ class EulerQuaternion:
         angle, limit = found.angle[rows], found.limit[rows]
         detail = np.column_stack((found.tilt[rows], found.heading[rows], found.rotvec_body[rows]))
         bad, low = angle > limit, angle <= self._settings.clear_below * limit
-        return Rated(pairs.t_boot_us[rows], angle, bad, low, detail), rows
+        return found, Rated(pairs.t_boot_us[rows], angle, bad, low, detail), rows
 
     def numbers(self) -> dict[str, object]:
         """The report's numbers, in degrees."""

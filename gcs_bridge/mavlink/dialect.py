@@ -109,7 +109,7 @@ def _layout(message: Any) -> np.dtype[np.void]:
             fields.append((name, base, (count,)) if count else (name, base))
     layout = np.dtype(fields)
     if layout.itemsize != message.unpacker.size:
-        raise ValueError(f"{message.msgname}: laid out in {layout.itemsize} bytes, pymavlink has {message.unpacker.size}")
+        raise ValueError(f"{message.msgname} has {layout.itemsize} bytes here, {message.unpacker.size} in pymavlink")
     return layout
 
 

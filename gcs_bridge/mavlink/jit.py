@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -37,19 +36,20 @@ import numba  # noqa: E402  numba reads NUMBA_CACHE_DIR when it is imported
 
 def kernel(function: Kernel) -> Kernel:
     """Compile `function` with numba: no GIL inside, and the machine code kept for the next process."""
-    return numba.njit(cache=True, nogil=True)(function)  # type: ignore[no-any-return]  # numba carries no types
+    compiled: Any = numba.njit(cache=True, nogil=True)(function)  # numba's types hide the function's own
+    return compiled  # type: ignore[no-any-return]
 
 
 helper = numba.njit(nogil=True)
 
 
-def announce_first_compile(*kernels: Callable[..., Any]) -> None:
-    """Say on stderr, before the wait, that `kernels` are compiled now; silent where their cache is up to date."""
+def needs_compiling(*kernels: Callable[..., Any]) -> bool:
+    """Whether any of `kernels` will be compiled when it is called first: its cache is missing or out of date."""
     for compiled in kernels:
         dispatcher: Any = compiled
         source = Path(dispatcher.py_func.__code__.co_filename)
         name = f"{source.stem}.{dispatcher.py_func.__qualname__}-*.nbi"
         indexes = list(Path(dispatcher.stats.cache_path).glob(name))
         if not any(index.stat().st_mtime >= source.stat().st_mtime for index in indexes):
-            print("gcs-bridge: compiling its kernels, once on this machine (some seconds)", file=sys.stderr, flush=True)
-            return
+            return True
+    return False

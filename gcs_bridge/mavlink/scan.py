@@ -7,7 +7,7 @@ The rules, in the order in which they decide:
 
 1. Where a frame is due (behind the one before), it is taken if its checksum holds.
 2. A due frame that can't be checked (unknown id, unknown incompatibility flag) or fails is stepped over as a whole only
-   if another frame starts where its length says. It is counted; it is never a frame.
+   if another frame starts where its length says. It is counted; what could not be checked is kept apart.
 3. Otherwise the bytes from there on are a gap, and the next frame with a right checksum ends it; in a recording only
    if the eight bytes before it can be its time, or another record follows it, as 16 bits of checksum alone accept one
    false frame in some 20 MB of noise.
@@ -39,6 +39,7 @@ FRAME = np.dtype(
         ("compid", "u1"),
         ("seq", "u1"),
         ("duplicate", "u1"),
+        ("verified", "u1"),  # 0: of an id that the dialect does not know, so its checksum says nothing
         ("lost", "i8"),  # frames of this system and component that the sequence numbers miss so far
     ]
 )
@@ -110,7 +111,7 @@ def _integer(buf, at, size):  # type: ignore[no-untyped-def]
 
 @helper
 def _head(buf, at, n):  # type: ignore[no-untyped-def]
-    """(header length, whole length, message id, flags) of what would be a frame at `at`; whole length 0: none, −1: more bytes."""
+    """(header, whole length, id, flags) of a frame that would start at `at`; whole length 0: none, −1: more bytes."""
     if at >= n:
         return 0, -1, 0, 0
     if buf[at] == _V2:
@@ -215,7 +216,7 @@ def _admit(frame, components, counts, buf, time):  # type: ignore[no-untyped-def
     key = np.int64(frame.sysid) * 256 + np.int64(frame.compid)
     mine = np.int64(slot[key])
     if mine < 0:
-        mine = min(counts[_COMPONENTS], _SLOTS - 1)
+        mine = min(np.int64(counts[_COMPONENTS]), np.int64(_SLOTS - 1))
         slot[key] = mine
         counts[_COMPONENTS] = min(counts[_COMPONENTS] + 1, _SLOTS - 1)
     frame.duplicate = 0
@@ -228,12 +229,12 @@ def _admit(frame, components, counts, buf, time):  # type: ignore[no-untyped-def
     seq = np.int64(frame.seq)
     if seen_hash[mine, seq] == digest and abs(time - seen_us[mine, seq]) <= 1_000_000 and seen_us[mine, seq] >= 0:
         frame.duplicate = 1
-        counts[_DUPLICATES] += 1
+        counts[_DUPLICATES] += frame.verified
     seen_hash[mine, seq] = digest
     seen_us[mine, seq] = time
     if not frame.duplicate:
         ahead = (seq - last_seq[mine]) & 0xFF
-        if last_seq[mine] < 0 or seq == (late_seq[mine] + 1) & 0xFF and ahead >= 128:
+        if last_seq[mine] < 0 or (seq == (late_seq[mine] + 1) & 0xFF and ahead >= 128):
             last_seq[mine] = seq  # the first one, or a sequence that started anew
             late_seq[mine] = -2
         elif 0 < ahead < 128:
@@ -283,30 +284,27 @@ def scan_kernel(
             time = _time(buf, start - 8) if not in_gap or start - 8 >= gap_start - base else np.int64(_NO_TIME)
         taken = what == _GOOD
         repaired = False
-        if taken and in_gap and timed and (time < 0 or last_time >= 0 and not _near(time, last_time)):
+        if taken and in_gap and timed and (time < 0 or (last_time >= 0 and not _near(time, last_time))):
             follows = _follows(buf, end, n, final, timed, time, last_time, row_of_id)
             if follows < 0:
                 break
             taken = follows == 1
-        elif not in_gap and (what == _BAD_CRC or what == _UNKNOWN):
+        elif not in_gap and what in (_BAD_CRC, _UNKNOWN):
             follows = _follows(buf, end, n, final, timed, time, last_time, row_of_id)
             if follows < 0:
                 break
-            if follows == 1:
-                repaired = what == _BAD_CRC and _zero_padded(
+            if follows == 1 and what == _BAD_CRC and field_end[row_of_id[msgid], buf[start + 1]] != BEYOND:
+                repaired = _zero_padded(
                     buf, start, header, msgid, row_of_id, crc_extra, field_end, counts[_REPAIRED] >= _HABIT
                 )
-                taken = repaired
-                if not taken:
-                    if what == _UNKNOWN:
-                        counts[_UNVERIFIED] += 1
-                    else:
-                        counts[_CRC_FAILED] += 1
-                        gaps[n_gaps, 0] = base + at
-                        gaps[n_gaps, 1] = end - at
-                        n_gaps += 1
+                if not repaired:
+                    counts[_CRC_FAILED] += 1
+                    gaps[n_gaps, 0] = base + at
+                    gaps[n_gaps, 1] = end - at
+                    n_gaps += 1
                     at = end
                     continue
+            taken = repaired or (follows == 1 and what == _UNKNOWN)
         if not taken:
             if in_gap:
                 at += 1
@@ -317,14 +315,15 @@ def scan_kernel(
         time_is_bad = False
         if timed:
             # A time far from the last one is believed unless the next record's lies nearer to the last one.
-            if time < 0 or last_time >= 0 and abs(time - last_time) > _MINUTE_US:
+            if time < 0 or (last_time >= 0 and abs(time - last_time) > _MINUTE_US):
                 if n < end + 8 and not final:
                     break
                 following = _time(buf, end) if end + 8 <= n else np.int64(_NO_TIME)
-                time_is_bad = time < 0 or (following >= 0 and abs(following - time) > abs(following - last_time))
+                nearer_to_last = following >= 0 and abs(following - time) > abs(following - last_time)
+                time_is_bad = bool(time < 0 or nearer_to_last)
             if time_is_bad:
                 counts[_BAD_TIMES] += 1
-                time = max(last_time, 0)
+                time = max(last_time, np.int64(0))
             else:
                 counts[_LAST_TIME] = time
         if in_gap:
@@ -344,6 +343,9 @@ def scan_kernel(
         frame.seq = buf[source - 1]
         frame.sysid = buf[source]
         frame.compid = buf[source + 1]
+        frame.verified = 0 if what == _UNKNOWN else 1
+        if what == _UNKNOWN:
+            counts[_UNVERIFIED] += 1
         if repaired:
             counts[_REPAIRED] += 1
         if header == 10 and buf[start + 2] & _SIGNED:
@@ -365,7 +367,7 @@ def scan_kernel(
 
 @dataclass
 class Salvage:
-    """What a link or file yielded, and what it lost. Counters only grow; `gaps` keeps the first hundred (offset, bytes)."""
+    """What a link or file yielded, and what it lost; `gaps` keeps the first hundred (offset, bytes)."""
 
     bytes: int = 0
     frames: int = 0
@@ -414,6 +416,7 @@ class Scanner:
         """Start with nothing read."""
         self.salvage = Salvage()
         self.buffer: Bytes = np.empty(0, np.uint8)
+        self.all_frames: Frames = np.empty(0, FRAME)  # of the last call, with those of unknown ids
         self._base = 0
         self._timed = timed
         self._tables = dialect.tables
@@ -428,11 +431,11 @@ class Scanner:
             seen_us=np.full((_SLOTS, 256), -1, np.int64),
         )
 
-    def scan(self, data: bytes | bytearray | memoryview, *, t_rx_us: int = 0, final: bool = False) -> Frames:
+    def scan(self, data: bytes | bytearray | memoryview, *, t_rx_us: int = -1, final: bool = False) -> Frames:
         """Take the next bytes and return the frames that they complete.
 
-        `t_rx_us` is the receive time of a stream's bytes (a recording brings its own). With `final` nothing follows:
-        what is still undecided is decided, as at the end of a file or of a datagram.
+        `t_rx_us` is the receive time of a stream's bytes, −1 if unknown (a recording brings its own). With `final`
+        nothing follows: what is still undecided is decided, as at the end of a file or of a datagram.
         """
         keep = int(self._counts[_CURSOR]) - self._base
         if self._timed and self._counts[_GAP_START] >= 0:
@@ -460,12 +463,14 @@ class Scanner:
         )
         salvage = self.salvage
         salvage.bytes += len(data)
-        salvage.frames += n_frames
+        self.all_frames = frames[:n_frames]
+        verified: Frames = self.all_frames[self.all_frames["verified"] == 1]
+        salvage.frames += len(verified)
         for slot, name in _COUNTERS:
             setattr(salvage, name, int(self._counts[slot]))
         for offset, length in gaps[:n_gaps].tolist():
             salvage.add_gap(offset, length)
-        return frames[:n_frames]
+        return verified
 
 
 _SMALLEST_FRAME = 8

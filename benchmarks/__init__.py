@@ -1,0 +1,1 @@
+"""How fast recordings are judged, side by side with pymavlink: `python -m benchmarks`, from the top of a checkout."""

@@ -1,0 +1,134 @@
+"""Bytes as vehicles send and recorders write them: packed by pymavlink, turned by SciPy, never by the package under test."""
+
+import struct
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as mavlink
+from pymavlink.generator.mavcrc import x25crc
+from scipy.spatial.transform import Rotation, RotationSpline
+
+Array = NDArray[np.float64]
+
+START_US = 1_700_000_000_000_000  # a record time, µs since 1970: 14 November 2023
+ARDUPILOT, PX4, NO_AUTOPILOT = 3, 12, 8  # MAV_AUTOPILOT
+QUADROTOR, GROUND_STATION = 2, 6  # MAV_TYPE
+
+
+def pack(
+    message: Any, *, seq: int = 0, sysid: int = 1, compid: int = 1, version: int = 2, key: bytes | None = None
+) -> bytes:
+    """The frame of one of pymavlink's messages, signed with `key` where one is given."""
+    sender = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=compid)
+    sender.seq = seq % 256
+    if key is not None:
+        sender.signing.secret_key, sender.signing.sign_outgoing = key, True
+    return bytes(message.pack(sender, force_mavlink1=version == 1))
+
+
+def heartbeat(*, autopilot: int = ARDUPILOT, vehicle: int = QUADROTOR, custom_mode: int = 0, **wire: Any) -> bytes:
+    """HEARTBEAT; `wire` as for `pack`, here and below."""
+    return pack(mavlink.MAVLink_heartbeat_message(vehicle, autopilot, 81, custom_mode, 4, 3), **wire)
+
+
+def attitude(
+    time_boot_ms: int, rpy_rad: Sequence[float] | Array, rates: Sequence[float] | Array = (0, 0, 0), **wire: Any
+) -> bytes:
+    """ATTITUDE of roll, pitch and yaw."""
+    return pack(mavlink.MAVLink_attitude_message(time_boot_ms % 2**32, *rpy_rad, *rates), **wire)
+
+
+def attitude_quaternion(
+    time_boot_ms: int,
+    wxyz: Sequence[float] | Array,
+    rates: Sequence[float] | Array = (0, 0, 0),
+    repr_offset_q: Sequence[float] = (0, 0, 0, 0),
+    **wire: Any,
+) -> bytes:
+    """ATTITUDE_QUATERNION of [w, x, y, z]."""
+    message = mavlink.MAVLink_attitude_quaternion_message(time_boot_ms % 2**32, *wxyz, *rates, repr_offset_q)
+    return pack(message, **wire)
+
+
+def with_checksum(frame: bytes, crc_extra: int) -> bytes:
+    """An unsigned frame with the checksum that its bytes ask for, by pymavlink's own x25crc."""
+    return frame[:-2] + struct.pack("<H", x25crc(frame[1:-2] + bytes([crc_extra])).crc)
+
+
+def record(t_us: int, frame: bytes) -> bytes:
+    """One record of a .tlog."""
+    return struct.pack(">Q", t_us) + frame
+
+
+def tlog(records: Iterable[tuple[int, bytes]]) -> bytes:
+    """A .tlog of (record time, frame)."""
+    return b"".join(record(t_us, frame) for t_us, frame in records)
+
+
+def wxyz(rotation: Rotation) -> Array:
+    """SciPy's rotation as [w, x, y, z], shape (..., 4)."""
+    q: Array = rotation.as_quat()[..., [3, 0, 1, 2]]
+    return q
+
+
+class Motion:
+    """A vehicle that turns smoothly and at random: attitude (FRD to NED) and body rates at any time from 0 to `seconds`.
+
+    Its body rates are continuous and so is their change; `speed_rad_s` is the typical rate.
+    """
+
+    def __init__(self, seconds: float, *, seed: int = 0, speed_rad_s: float = 0.5) -> None:
+        knots = np.arange(0.0, seconds + 1.0, 0.5)
+        steps = np.random.default_rng(seed).normal(0.0, 0.5 * speed_rad_s / np.sqrt(3.0), (len(knots), 3))
+        turned = [Rotation.identity()]
+        for step in steps[1:]:
+            turned.append(turned[-1] * Rotation.from_rotvec(step))
+        self._spline = RotationSpline(knots, Rotation.concatenate(turned))
+
+    def rotation(self, t_s: float | Array) -> Rotation:
+        return self._spline(t_s)
+
+    def wxyz(self, t_s: float | Array) -> Array:
+        return wxyz(self._spline(t_s))
+
+    def rpy(self, t_s: float | Array) -> Array:
+        rpy: Array = self._spline(t_s).as_euler("ZYX")[..., ::-1]
+        return rpy
+
+    def rates(self, t_s: float | Array) -> Array:
+        """Angular rate in body axes, rad/s."""
+        w: Array = self._spline(t_s, 1)
+        return w
+
+
+def flight(
+    motion: Motion,
+    seconds: float,
+    *,
+    euler_hz: float = 25.0,
+    quaternion_hz: float = 25.0,
+    start_us: int = START_US,
+    boot_ms: int = 10_000,
+    **wire: Any,
+) -> list[tuple[int, bytes]]:
+    """(record time, frame) of a healthy vehicle: a heartbeat a second and both attitudes, in order of time.
+
+    The boot clock stands at `boot_ms` where the record time is `start_us`; every stamp is a whole millisecond.
+    """
+    ticks: list[tuple[int, int]] = [(int(1000 * s), 0) for s in range(int(np.ceil(seconds)))]
+    for kind, hz in ((1, euler_hz), (2, quaternion_hz)):
+        if hz:
+            ticks += [(round(1000 * i / hz), kind) for i in range(int(seconds * hz))]
+    records = []
+    for seq, (ms, kind) in enumerate(sorted(ticks)):
+        t_s, now = ms / 1000.0, boot_ms + ms
+        if kind == 0:
+            frame = heartbeat(seq=seq, **wire)
+        elif kind == 1:
+            frame = attitude(now, motion.rpy(t_s), motion.rates(t_s), seq=seq, **wire)
+        else:
+            frame = attitude_quaternion(now, motion.wxyz(t_s), motion.rates(t_s), seq=seq, **wire)
+        records.append((start_us + 1000 * ms, frame))
+    return records
