@@ -87,15 +87,16 @@ class BootClock:
 
     def _read_next(self, ms: int, rx: int) -> tuple[int, tuple[str, int, int] | None]:
         latest = self.latest_us if self.latest_us is not None else ms * 1000
+        elapsed = rx - self._rx_us if rx >= 0 and self._rx_us >= 0 else 0
+        furthest = max(JUMP_US, 2 * elapsed)
         t = ms * 1000 + self._epoch_us
-        if t - latest < -WRAP_US // 2:
+        if -REORDER_US <= t + WRAP_US - latest <= furthest:
             t += WRAP_US  # past the wrap; the epoch follows once this is believed
-        elif t - latest > WRAP_US // 2 and self._epoch_us:
+        elif self._epoch_us and -REORDER_US <= t - WRAP_US - latest <= furthest:
             t -= WRAP_US  # from before the wrap, late
         step = t - latest
-        elapsed = rx - self._rx_us if rx >= 0 and self._rx_us >= 0 else 0
         change = None
-        if not (-REORDER_US <= step <= max(JUMP_US, 2 * elapsed)):
+        if not -REORDER_US <= step <= furthest:
             doubted = self._doubted_us
             if doubted is None or not -REORDER_US <= ms * 1000 - doubted <= JUMP_US:
                 self._doubted_us = ms * 1000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 Event = dict[str, Any]
@@ -19,11 +20,20 @@ def utc(t_rx_us: int) -> str | None:
     return (_EPOCH + timedelta(microseconds=t_rx_us)).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
+class Rank(IntEnum):
+    """Which of the events that one frame brought about comes first."""
+
+    IDENTITY = 0
+    CLOCK = 1
+    OTHER = 2
+
+
 class Notice(NamedTuple):
-    """An event and its place: the ordinal of the frame that brought it about, by which a batch's events are sorted."""
+    """An event and its place: the ordinal of the frame that brought it about."""
 
     ordinal: int
     event: Event
+    rank: Rank = Rank.OTHER
 
 
 def make_event(
@@ -35,6 +45,6 @@ def make_event(
     return head | {"check": None} | more
 
 
-def in_order(notices: Iterable[Notice]) -> list[Event]:
-    """The events in the order in which one frame after the other brought them about."""
-    return [notice.event for notice in sorted(notices, key=lambda notice: notice.ordinal)]
+def in_order(notices: Iterable[Notice]) -> list[Notice]:
+    """The notices in the order in which one frame after the other brought them about, a vehicle's beside each other."""
+    return sorted(notices, key=lambda notice: (notice.ordinal, notice.event["vehicle"], notice.rank))

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from gcs_bridge.alarms import Alarm, Change, State, Worst
 from gcs_bridge.align import Aligner, Pairs
 from gcs_bridge.checks.euler_quaternion import NAME, Disagreement, EulerQuaternion
-from gcs_bridge.events import Notice, make_event, utc
+from gcs_bridge.events import Notice, Rank, make_event, utc
 from gcs_bridge.liveness import OTHER, LinkClock, Liveness, Timeline, Turn
 from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION
 from gcs_bridge.settings import Settings
@@ -43,10 +43,11 @@ class StreamCount:
         self._last_us = None
 
     def add(self, t_us: Int64s) -> Int64s:
-        """Count samples by their times; returns the interval before each one."""
+        """Count samples by their times; return how far each lies behind all before it (below zero: it came late)."""
         self.count += len(t_us)
-        steps = np.diff(t_us, prepend=t_us[0] if self._last_us is None else self._last_us)
-        self._last_us = max(int(t_us.max()), self._last_us or 0)
+        latest = np.maximum.accumulate(np.concatenate(([t_us[0] if self._last_us is None else self._last_us], t_us)))
+        self._last_us = int(latest[-1])
+        steps = t_us - latest[:-1]
         ahead = steps[steps > 0]
         if len(ahead):
             self.max_gap_us = max(int(ahead.max()), self.max_gap_us or 0)
@@ -62,6 +63,7 @@ class StreamCount:
         missing = np.diff(frames_lost, prepend=self._last_lost)
         room = np.where(period_us > 0, np.rint(steps / np.maximum(period_us, 1)).astype(np.int64) - 1, 0)
         self.lost += int(np.clip(room, 0, np.maximum(missing, 0)).sum())
+        self.lost -= int(((steps <= 0) & (missing < 0)).sum())  # came late, and had been counted before
         self._last_lost = int(frames_lost[-1])
 
     def entry(self) -> dict[str, Any]:
@@ -157,13 +159,10 @@ class VehicleJudge:
         """Judge what a batch brought; yield what happened, each with the frame that brought it about."""
         for name, t_rx_us in batch.counted.items():
             self._stream(name).add(t_rx_us)
-        changes = list(batch.clock_changes)
-        for segment in batch.segments:
-            while changes and changes[0].ordinal <= segment.ordinal[0]:
-                yield self._clock_notice(changes.pop(0))
-            yield from self._take_segment(segment, link)
-        for notice in changes:
+        for notice in batch.clock_changes:
             yield self._clock_notice(notice)
+        for segment in batch.segments:
+            yield from self._take_segment(segment, link)
         if self._boot is not None:
             yield from self._turns(self._boot.liveness.pass_silence(link), link)
 
@@ -194,13 +193,12 @@ class VehicleJudge:
     def _take_segment(self, segment: Segment, link: LinkClock) -> Iterator[Notice]:
         boot = self._boot
         if boot is None or boot.index != segment.boot:
+            if boot is not None:
+                yield from self._turns(boot.liveness.pass_silence(link, int(segment.ordinal[0])), link)
             boot = self._start_boot(segment)
         boot.last_us = max(boot.last_us, int(segment.t_boot_us.max()))
 
-        valid = np.ones(len(segment.message), np.bool_)
-        for stream, samples in enumerate((segment.euler, segment.quaternion)):
-            valid[segment.message == stream] = samples.valid
-        paired = np.flatnonzero(valid & (segment.message < OTHER))
+        paired = np.flatnonzero(segment.valid_attitude)
         euler, quaternion = segment.euler[segment.euler.valid], segment.quaternion[segment.quaternion.valid]
         order = np.argsort(np.argsort(segment.message[paired], kind="stable"), kind="stable")
         aligned = boot.aligner.pair(euler, quaternion, order)
@@ -233,8 +231,8 @@ class VehicleJudge:
             self._both_alive_us += self._boot.liveness.both_alive_us
         self._boot = _Boot(segment.boot, int(segment.t_boot_us[0]), int(segment.t_rx_us[0]), self._settings)
         self._check.start_boot()
-        for count in self._streams.values():
-            count.start_boot()
+        for name in self._streams.keys() & set(STREAMS):  # all others are followed on receive time
+            self._streams[name].start_boot()
         return self._boot
 
     def _count(self, segment: Segment, period_us: Int64s) -> None:
@@ -252,13 +250,14 @@ class VehicleJudge:
         event = make_event(
             change.kind, self.key, boot, change.t_boot_us, notice.t_rx_us, step_s=change.step_us / US_PER_S
         )
-        return Notice(notice.ordinal, event)
+        return Notice(notice.ordinal, event, Rank.CLOCK)
 
     def _turns(self, turns: Iterator[Turn], link: LinkClock) -> Iterator[Notice]:
         boot = self._boot
         assert boot is not None
         for turn in turns:
-            where = (self.key, boot.index, turn.t_boot_us, link.at(turn.ordinal))
+            t_rx_us = link.at(turn.ordinal)
+            where = (self.key, boot.index, turn.t_boot_us, t_rx_us - turn.ago_us if t_rx_us >= 0 else t_rx_us)
             stream = STREAMS[turn.stream]
             if turn.what != "missing":
                 yield Notice(turn.ordinal, make_event(f"stream_{turn.what}", *where, stream=stream))

@@ -73,6 +73,7 @@ class Turn(NamedTuple):
     stream: int
     what: str  # "started", "stale", "resumed", or "missing": it never came at all
     t_boot_us: int
+    ago_us: int = 0  # how long before that frame it was
 
 
 class _Stream:
@@ -161,10 +162,12 @@ class Liveness:
         if not len(silence_us) or silence_us[-1] <= self._shortest_us:
             return
         for k, stream in enumerate(self.streams):
-            passed = np.flatnonzero(silence_us > self._deadline_us(stream.rx_period_us))
+            allowed_us = self._deadline_us(stream.rx_period_us)
+            passed = np.flatnonzero(silence_us > allowed_us)
             if stream.alive and len(passed):
                 at_us = max(stream.last_us + self._deadline_us(stream.period_us), self._latest_us)
-                yield from self._stale(k, at_us, int(link.ordinal[since + passed[0]]))
+                ago_us = int(silence_us[passed[0]]) - allowed_us
+                yield from self._stale(k, at_us, int(link.ordinal[since + passed[0]]), ago_us)
 
     def _nothing_new(self, line: Timeline) -> bool:
         """Whether no stream can start, resume or go stale with these messages: the common case, told at once."""
@@ -191,12 +194,12 @@ class Liveness:
         for k, stream in enumerate(self.streams):
             deadline = stream.last_us + self._deadline_us(stream.period_us)
             if stream.alive and self._latest_us > deadline:
-                yield from self._stale(k, deadline, ordinal)
+                yield from self._stale(k, deadline, ordinal, self._latest_us - deadline)
             if not stream.seen and k != except_stream and not self._missing_told:
                 deadline = (self._first_us or 0) + self._deadline_us(-1)
                 if self._latest_us > deadline:
                     self._missing_told = True
-                    yield Turn(ordinal, k, "missing", deadline)
+                    yield Turn(ordinal, k, "missing", deadline, self._latest_us - deadline)
 
     def _hear(self, k: int, t_us: int, ordinal: int) -> Iterator[Turn]:
         stream = self.streams[k]
@@ -209,10 +212,10 @@ class Liveness:
             yield turn
         stream.last_us = max(stream.last_us, t_us)
 
-    def _stale(self, k: int, at_us: int, ordinal: int) -> Iterator[Turn]:
+    def _stale(self, k: int, at_us: int, ordinal: int, ago_us: int) -> Iterator[Turn]:
         """Stream `k` is stale from `at_us` on; looking back, it was not alive from its last sample on."""
         self.streams[k].alive = False
         if self._both_since_us is not None:
             self._both_us += max(self.streams[k].last_us - self._both_since_us, 0)
             self._both_since_us = None
-        yield Turn(ordinal, k, "stale", at_us)
+        yield Turn(ordinal, k, "stale", at_us, ago_us)

@@ -5,14 +5,14 @@ No I/O and no clock inside: bytes and receive times come as arguments. Live link
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.errors import UsageError
-from gcs_bridge.events import Event, Notice, in_order, make_event
+from gcs_bridge.events import Event, Notice, Rank, in_order, make_event
 from gcs_bridge.judge import STREAMS, Observer, VehicleJudge
 from gcs_bridge.liveness import LinkClock, latest_rx
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
@@ -119,20 +119,22 @@ class _Vehicle:
     def __init__(self, reader: VehicleReader, judge: VehicleJudge) -> None:
         self.reader = reader
         self.judge = judge
-        self._held: list[Notice] | None = []  # until it is known to be one
+        self._seen = False
+        self._held: list[Notice] = []  # until it is known to be one
 
     def release(self, notices: list[Notice]) -> list[Notice]:
-        """The notices to pass on: all once it is a vehicle, those from before behind the news that it is one."""
-        if self._held is None:
-            return notices if self.reader.is_vehicle else []
-        self._held += notices
-        if not self.reader.is_vehicle or self.reader.seen is None:
-            return []
-        ordinal, t_rx_us = self.reader.seen
-        seen = make_event("vehicle_seen", self.reader.key, 0, None, t_rx_us)
-        released = [Notice(ordinal, seen), *(n._replace(ordinal=max(n.ordinal, ordinal)) for n in self._held)]
-        self._held = None
-        return released
+        """The notices to pass on: those at which it is a vehicle; earlier ones come behind the news that it is one."""
+        if not self._seen:
+            self._held += notices
+            if self.reader.seen is None:
+                return []
+            ordinal, t_rx_us = self.reader.seen
+            self._seen = True
+            seen = make_event("vehicle_seen", self.reader.key, 0, None, t_rx_us)
+            held = (notice._replace(ordinal=max(notice.ordinal, ordinal)) for notice in in_order(self._held))
+            notices = [Notice(ordinal, seen, Rank.IDENTITY), *held]
+            self._held = []
+        return [notice for notice in notices if self.reader.is_vehicle_at(notice.ordinal)]
 
 
 class _Link:
@@ -167,17 +169,18 @@ class _Link:
 
     def feed(self, data: bytes | bytearray | memoryview, t_rx_us: int, *, final: bool = False) -> list[Event]:
         frames = self._scanner.scan(data, t_rx_us=t_rx_us, final=final or self._datagrams)
-        return in_order(self._judge(frames)) if len(frames) else []
+        return _events(self._judge(frames)) if len(frames) else []
 
     def advance(self, t_rx_us: int) -> list[Event]:
         if t_rx_us <= self._latest_rx_us:
             return []
         self._latest_rx_us = t_rx_us
         clock = LinkClock(np.array([self.frames]), np.array([t_rx_us]))
-        notices: list[Notice] = []
-        for vehicle in self._vehicles.values():
-            notices += vehicle.release(list(vehicle.judge.advance(clock)))
-        return in_order(notices)
+        return _events(
+            notice
+            for vehicle in self._vehicles.values()
+            for notice in vehicle.release(list(vehicle.judge.advance(clock)))
+        )
 
     def finish(self) -> None:
         if not self._datagrams:
@@ -237,6 +240,10 @@ class _Link:
         if to_s is not None:
             inside &= t_rx_us < start_us + to_s * 1e6
         return inside
+
+
+def _events(notices: Iterable[Notice]) -> list[Event]:
+    return [notice.event for notice in in_order(notices)]
 
 
 def salvage_entry(salvage: Salvage) -> dict[str, Any]:

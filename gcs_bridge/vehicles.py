@@ -6,8 +6,9 @@ radios, gimbals and companions tell by their heartbeat that they are none.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -59,6 +60,18 @@ class Segment:
     euler: AttitudeSamples
     quaternion: AttitudeSamples
 
+    @property
+    def attitude(self) -> Mask:
+        """Which messages (n,) are attitudes of the two streams."""
+        return self.message < 2
+
+    @property
+    def valid_attitude(self) -> Mask:
+        """Which messages (n,) are valid attitudes."""
+        valid = np.zeros(len(self.message), np.bool_)
+        valid[self.message == 0], valid[self.message == 1] = self.euler.valid, self.quaternion.valid
+        return valid
+
 
 class ClockNotice(NamedTuple):
     """A clock's change and the frame that showed it."""
@@ -88,27 +101,37 @@ class VehicleReader:
         self.key = (sysid, compid)
         self.autopilot = "unknown"
         self.type = "unknown"
-        self.seen: tuple[int, int] | None = None  # ordinal and receive time of the frame that made it a vehicle
         self.clock = BootClock()
         self._dialect = dialect
         self._settings = settings
         self._with_imu = with_imu
-        self._disowned = False
+        self._seen: tuple[int, int] | None = None
+        self._standing: list[tuple[int, bool]] = []  # from which frame on it is a vehicle, or is none
+        self._is_autopilot = False
         self._run = 0
         self._latest = (0, -1)  # boot and boot time last believed
         self._imu_offset_us: dict[tuple[str, int], int] = {}
 
     @property
     def is_vehicle(self) -> bool:
-        """Whether it is known to be a vehicle by now; system 0 is nobody's (it addresses all)."""
-        return self.seen is not None and not self._disowned and self.key[0] != 0
+        """Whether it is known to be a vehicle by now."""
+        return bool(self._standing) and self._standing[-1][1]
+
+    def is_vehicle_at(self, ordinal: int) -> bool:
+        """Whether it was known to be a vehicle once the frame `ordinal` had come."""
+        known = [is_one for since, is_one in self._standing if since <= ordinal]
+        return bool(known) and known[-1]
+
+    @property
+    def seen(self) -> tuple[int, int] | None:
+        """Ordinal and receive time of the frame that first made it a vehicle."""
+        return self._seen
 
     def read(self, buffer: Bytes, frames: Frames, ordinals: Int64s, in_window: Mask) -> VehicleBatch:
         """Take this component's next frames, in order of arrival, without duplicates.
 
         Samples outside the window are left out; the clock and the identity are followed there too.
         """
-        self._read_heartbeats(buffer, frames, ordinals)
         rows_of = [self._rows(frames, name) for name in TIMED]
         records_of = [
             decode(buffer, frames[rows], self._dialect[name]) for rows, name in zip(rows_of, TIMED, strict=True)
@@ -147,8 +170,8 @@ class VehicleReader:
                 frames["lost"][rows[picked]],
                 *samples,
             )
-            self._count_run(segment)
             segments.append(segment)
+        self._identify(buffer, frames, ordinals, segments)
 
         counted = {name: frames["t_rx_us"][of] for name in COUNTED if len(of := self._rows(frames, name, in_window))}
         imu = {}
@@ -171,36 +194,39 @@ class VehicleReader:
         mine = frames["msgid"] == self._dialect[name].msgid
         return np.flatnonzero(mine if also is None else mine & also)
 
-    def _see(self, ordinal: int, t_rx_us: int) -> None:
-        if self.seen is None:
-            self.seen = (ordinal, t_rx_us)
-
-    def _read_heartbeats(self, buffer: Bytes, frames: Frames, ordinals: Int64s) -> None:
+    def _identify(self, buffer: Bytes, frames: Frames, ordinals: Int64s, segments: list[Segment]) -> None:
+        """Follow what the heartbeats and, without them, the attitudes say of it, in their order of arrival."""
+        if self._is_autopilot or self.key[0] == 0:  # an autopilot is one for good; system 0 is nobody's
+            return
         rows = self._rows(frames, "HEARTBEAT")
-        if not len(rows):
-            return
-        for row, beat in zip(rows, decode(buffer, frames[rows], self._dialect["HEARTBEAT"]), strict=True):
-            autopilot, kind = int(beat["autopilot"]), int(beat["type"])
-            if autopilot == _AUTOPILOT_INVALID or kind == _TYPE_GCS:
-                self._disowned = self.autopilot == "unknown"
-                continue
-            if self.autopilot == "unknown":
-                self._disowned = False
-                self.autopilot = _AUTOPILOTS.get(autopilot) or self._dialect.enum_name("MAV_AUTOPILOT", autopilot)
-                self.type = self._dialect.enum_name("MAV_TYPE", kind)
-            self._see(int(ordinals[row]), int(frames["t_rx_us"][row]))
-
-    def _count_run(self, segment: Segment) -> None:
-        """Without an autopilot's heartbeat, so many valid attitudes in a row name a vehicle."""
-        if self.seen is not None:
-            return
-        valid_of = (segment.euler.valid.tolist(), segment.quaternion.valid.tolist())
-        valid = [iter(valid_of[0]), iter(valid_of[1])]
-        for index in np.flatnonzero(segment.message < 2).tolist():
-            self._run = self._run + 1 if next(valid[int(segment.message[index])]) else 0
-            if self._run >= self._settings.attitude_run:
-                self._see(int(segment.ordinal[index]), int(segment.t_rx_us[index]))
+        beats = decode(buffer, frames[rows], self._dialect["HEARTBEAT"])
+        signs: list[tuple[int, int, Any]] = [
+            (int(ordinal), int(t_rx_us), beat)
+            for ordinal, t_rx_us, beat in zip(ordinals[rows], frames["t_rx_us"][rows], beats, strict=True)
+        ]
+        if not self._standing:
+            signs += [sign for segment in segments for sign in _attitude_signs(segment)]
+        for ordinal, t_rx_us, sign in sorted(signs, key=lambda sign: sign[0]):
+            if isinstance(sign, bool):
+                self._run = self._run + 1 if sign else 0
+                if self._run >= self._settings.attitude_run and not self._standing:
+                    self._stand(ordinal, t_rx_us, is_one=True)
+            elif int(sign["autopilot"]) == _AUTOPILOT_INVALID or int(sign["type"]) == _TYPE_GCS:
+                self._stand(ordinal, t_rx_us, is_one=False)
+            else:
+                self._is_autopilot = True
+                self.autopilot = _AUTOPILOTS.get(int(sign["autopilot"])) or self._dialect.enum_name(
+                    "MAV_AUTOPILOT", int(sign["autopilot"])
+                )
+                self.type = self._dialect.enum_name("MAV_TYPE", int(sign["type"]))
+                self._stand(ordinal, t_rx_us, is_one=True)
                 return
+
+    def _stand(self, ordinal: int, t_rx_us: int, *, is_one: bool) -> None:
+        if not self._standing or self._standing[-1][1] != is_one:
+            self._standing.append((ordinal, is_one))
+        if is_one and self._seen is None:
+            self._seen = (ordinal, t_rx_us)
 
     def _read_imu(self, name: str, buffer: Bytes, frames: Frames, boots: Int64s, latest_us: Int64s) -> ImuSamples:
         """IMU samples; their own clock is mapped by the running minimum of its offset to the boot time last heard.
@@ -220,3 +246,10 @@ class VehicleReader:
                 self._imu_offset_us[name, int(boot)] = int(offset[-1])
                 t_boot_us[mine] = t_us[mine] - offset
         return imu_samples(name, records, self.autopilot, boots, t_boot_us, frames["t_rx_us"].copy())
+
+
+def _attitude_signs(segment: Segment) -> Iterator[tuple[int, int, bool]]:
+    """Ordinal, receive time and validity of each attitude of a segment."""
+    valid = segment.valid_attitude
+    for row in np.flatnonzero(segment.attitude).tolist():
+        yield int(segment.ordinal[row]), int(segment.t_rx_us[row]), bool(valid[row])

@@ -54,6 +54,7 @@ _DAY_US = 86_400_000_000
 _MINUTE_US = 60_000_000
 _YEAR_2100_US = 4_102_444_800_000_000
 _NO_TIME = -1
+_NO_SEQ = -1
 _HABIT = 3  # so many repaired frames show that a recorder cuts zeros behind the checksum
 
 # Slots of `Scanner._counts`, the kernel's counters and state that outlive a call.
@@ -234,17 +235,19 @@ def _admit(frame, components, counts, buf, time):  # type: ignore[no-untyped-def
     seen_us[mine, seq] = time
     if not frame.duplicate:
         ahead = (seq - last_seq[mine]) & 0xFF
-        if last_seq[mine] < 0 or (seq == (late_seq[mine] + 1) & 0xFF and ahead >= 128):
-            last_seq[mine] = seq  # the first one, or a sequence that started anew
-            late_seq[mine] = -2
+        if last_seq[mine] < 0:
+            last_seq[mine] = seq
         elif 0 < ahead < 128:
             lost[mine] += ahead - 1
             last_seq[mine] = seq
-            late_seq[mine] = -2
+            late_seq[mine] = _NO_SEQ
+        elif ahead > 246:
+            lost[mine] = max(lost[mine] - 1, np.int64(0))  # one of the last ten, counted as lost and now come late
+        elif ahead and late_seq[mine] >= 0 and seq == (late_seq[mine] + 1) & 0xFF:
+            last_seq[mine] = seq  # a second one far from where the sequence was: it started anew
+            late_seq[mine] = _NO_SEQ
         elif ahead:
             late_seq[mine] = seq
-            if ahead > 246 and lost[mine] > 0:
-                lost[mine] -= 1  # one of the last ten, counted as lost and now come late
     frame.lost = lost[mine]
 
 
@@ -314,17 +317,22 @@ def scan_kernel(
 
         time_is_bad = False
         if timed:
-            # A time far from the last one is believed unless the next record's lies nearer to the last one.
-            if time < 0 or (last_time >= 0 and abs(time - last_time) > _MINUTE_US):
+            # A time far from the last one is believed unless the next record's lies nearer to the last one. The first
+            # has none before it: it is believed unless the next record's is known and far from it.
+            if time < 0 or last_time < 0 or abs(time - last_time) > _MINUTE_US:
                 if n < end + 8 and not final:
                     break
                 following = _time(buf, end) if end + 8 <= n else np.int64(_NO_TIME)
-                nearer_to_last = following >= 0 and abs(following - time) > abs(following - last_time)
-                time_is_bad = bool(time < 0 or nearer_to_last)
+                if last_time < 0:
+                    time_is_bad = bool(time < 0 or (following >= 0 and abs(following - time) > _DAY_US))
+                    last_time = following
+                else:
+                    nearer_to_last = following >= 0 and abs(following - time) > abs(following - last_time)
+                    time_is_bad = bool(time < 0 or nearer_to_last)
             if time_is_bad:
                 counts[_BAD_TIMES] += 1
-                time = max(last_time, np.int64(0))
-            else:
+                time = last_time
+            if time >= 0:
                 counts[_LAST_TIME] = time
         if in_gap:
             until = base + (start - 8 if timed and not time_is_bad else start)
@@ -424,8 +432,8 @@ class Scanner:
         self._counts[[_GAP_START, _LAST_TIME]] = -1
         self._components = Components(
             slot=np.full(65536, -1, np.int16),
-            last_seq=np.full(_SLOTS, -1, np.int16),
-            late_seq=np.full(_SLOTS, -2, np.int16),
+            last_seq=np.full(_SLOTS, _NO_SEQ, np.int16),
+            late_seq=np.full(_SLOTS, _NO_SEQ, np.int16),
             lost=np.zeros(_SLOTS, np.int64),
             seen_hash=np.zeros((_SLOTS, 256), np.uint64),
             seen_us=np.full((_SLOTS, 256), -1, np.int64),
