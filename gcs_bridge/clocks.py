@@ -60,20 +60,23 @@ class BootClock:
         n = len(time_boot_ms)
         boot, t_boot_us, believed = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.bool_)
         changes: list[ClockChange] = []
-        place = 0
+        place, ahead = 0, n
         while place < n:
-            times = self._plain(time_boot_ms[place:])
+            times = self._plain(time_boot_ms[place : place + ahead])
             until = place + len(times)
+            looked = ahead
+            ahead = 4 * ahead if len(times) == ahead else 16  # not far where something odd came lately
             boot[place:until], t_boot_us[place:until], believed[place:until] = self.boot, times, True
             if until > place:
                 self.latest_us = max(int(times.max()), self.latest_us or 0)
                 self._rx_us = int(t_rx_us[until - 1])
-            if until < n:
+            if until < min(place + looked, n):
                 t_boot_us[until], change = self._read_next(int(time_boot_ms[until]), int(t_rx_us[until]))
                 boot[until], believed[until] = self.boot, self._doubted_us is None
                 if change is not None:
                     changes.append(ClockChange(until, self.boot, *change))
-            place = until + 1
+                until += 1
+            place = until
         return BootTimes(boot, t_boot_us, believed, tuple(changes))
 
     def _plain(self, time_boot_ms: npt.NDArray[np.uint32]) -> Int64s:

@@ -211,6 +211,16 @@ def _follows(buf, end, n, final, timed, time, last_time, row_of_id):  # type: ig
 
 
 @helper
+def _hides_a_frame(buf, start, end, timed, last_time, row_of_id, crc_extra):  # type: ignore[no-untyped-def]
+    """Whether a good frame lies within the bytes that a failed frame's length claims: then the length is wrong."""
+    for at in range(start + 1, end):
+        what, _, whole, _ = _look(buf, at, end, row_of_id, crc_extra)
+        if what == _GOOD and (not timed or (at - 8 > start and _near(_time(buf, at - 8), last_time))):
+            return True
+    return False
+
+
+@helper
 def _admit(frame, components, counts, buf, time):  # type: ignore[no-untyped-def]
     """Follow the sequence of the frame's component: losses, and repetitions of the same frame within a second."""
     slot, last_seq, late_seq, lost, seen_hash, seen_us = components
@@ -292,11 +302,14 @@ def scan_kernel(
             if follows < 0:
                 break
             taken = follows == 1
-        elif not in_gap and what in (_BAD_CRC, _UNKNOWN):
+        elif not in_gap and what in (_BAD_CRC, _UNKNOWN) and (not timed or last_time < 0 or _near(time, last_time)):
             follows = _follows(buf, end, n, final, timed, time, last_time, row_of_id)
             if follows < 0:
                 break
             if follows == 1 and what == _BAD_CRC and field_end[row_of_id[msgid], buf[start + 1]] != BEYOND:
+                if _hides_a_frame(buf, start, end, timed, last_time, row_of_id, crc_extra):
+                    counts[_GAP_START] = base + at
+                    continue
                 repaired = _zero_padded(
                     buf, start, header, msgid, row_of_id, crc_extra, field_end, counts[_REPAIRED] >= _HABIT
                 )
@@ -320,9 +333,11 @@ def scan_kernel(
             # A time far from the last one is believed unless the next record's lies nearer to the last one. The first
             # has none before it: it is believed unless the next record's is known and far from it.
             if time < 0 or last_time < 0 or abs(time - last_time) > _MINUTE_US:
-                if n < end + 8 and not final:
+                if n < end + 9 and not final:
                     break
-                following = _time(buf, end) if end + 8 <= n else np.int64(_NO_TIME)
+                following = np.int64(_NO_TIME)
+                if n >= end + 9 and (buf[end + 8] == _V1 or buf[end + 8] == _V2):
+                    following = _time(buf, end)
                 if last_time < 0:
                     time_is_bad = bool(time < 0 or (following >= 0 and abs(following - time) > _DAY_US))
                     last_time = following
