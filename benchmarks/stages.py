@@ -122,7 +122,7 @@ def peak_mb() -> float:
 
 
 def start_up(head: bytes) -> None:
-    """Import what `check` imports and load its kernels, in its order; print each step's time and the memory behind it."""
+    """Import what `check` imports and load its kernels, in its order; print each step's time and memory."""
     from gcs_bridge._version import __version__  # so that the package itself is no part of the first step
 
     def load_kernels() -> None:
@@ -156,15 +156,14 @@ def start_up(head: bytes) -> None:
 
 def judge(path: Path) -> None:
     """Judge the recording with every stage on a clock; print each one's own time."""
-    from gcs_bridge.recording import check_file
+    from gcs_bridge import recording
     from gcs_bridge.settings import Settings
 
     clock = Clock()
     for place in clock.install():
         print(f"not measured, as it is not there: {place}", file=sys.stderr)
-    check_file = importlib.import_module("gcs_bridge.recording").check_file
     begun_s = time.perf_counter()
-    check_file(path, Settings())
+    recording.check_file(path, Settings())  # by its module, where the clock has taken its place
     all_s = time.perf_counter() - begun_s
     print("\n| judging | calls | ms | % |\n| --- | --- | --- | --- |")
     for stage in STAGES:

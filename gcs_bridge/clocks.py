@@ -31,6 +31,14 @@ class ClockChange(NamedTuple):
     step_us: int
 
 
+class Release(NamedTuple):
+    """The message right before `place` in the batch (place 0: the last of the batch before) is believed after all."""
+
+    place: int
+    boot: int
+    t_boot_us: int
+
+
 @dataclass(frozen=True)
 class BootTimes:
     """Times of one batch, shape (n,): the boot of each message, µs since that boot, and which times are believed."""
@@ -39,6 +47,13 @@ class BootTimes:
     t_boot_us: Int64s
     believed: Mask
     changes: tuple[ClockChange, ...] = ()
+    released: tuple[Release, ...] = ()
+
+
+class _Change(NamedTuple):
+    kind: str
+    first_us: int  # time of the message that was doubted
+    step_us: int
 
 
 class BootClock:
@@ -52,14 +67,21 @@ class BootClock:
         self._rx_us = 0
         self._doubted_us: int | None = None
 
+    @property
+    def doubts(self) -> bool:
+        """Whether the last message waits for a second one to confirm it."""
+        return self._doubted_us is not None
+
     def read(self, time_boot_ms: npt.NDArray[np.uint32], t_rx_us: Int64s) -> BootTimes:
         """Times of the next messages; `t_rx_us` is −1 where the receive time is unknown.
 
-        The first message behind a reboot, or behind a jump, is not believed before a second one confirms it.
+        The first message behind a reboot, or behind a jump, is not believed before a second one confirms it: then it
+        is `released`.
         """
         n = len(time_boot_ms)
         boot, t_boot_us, believed = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.bool_)
         changes: list[ClockChange] = []
+        released: list[Release] = []
         place, ahead = 0, n
         while place < n:
             times = self._plain(time_boot_ms[place : place + ahead])
@@ -74,10 +96,11 @@ class BootClock:
                 t_boot_us[until], change = self._read_next(int(time_boot_ms[until]), int(t_rx_us[until]))
                 boot[until], believed[until] = self.boot, self._doubted_us is None
                 if change is not None:
-                    changes.append(ClockChange(until, self.boot, *change))
+                    changes.append(ClockChange(until, self.boot, change.kind, change.first_us, change.step_us))
+                    released.append(Release(until, self.boot, change.first_us))
                 until += 1
             place = until
-        return BootTimes(boot, t_boot_us, believed, tuple(changes))
+        return BootTimes(boot, t_boot_us, believed, tuple(changes), tuple(released))
 
     def _plain(self, time_boot_ms: npt.NDArray[np.uint32]) -> Int64s:
         """Times of the messages up to the first that needs a closer look: the common case, at once."""
@@ -88,7 +111,7 @@ class BootClock:
         odd = np.flatnonzero((t - latest < -REORDER_US) | (t - latest > JUMP_US))
         return t[: odd[0]] if len(odd) else t
 
-    def _read_next(self, ms: int, rx: int) -> tuple[int, tuple[str, int, int] | None]:
+    def _read_next(self, ms: int, rx: int) -> tuple[int, _Change | None]:
         latest = self.latest_us if self.latest_us is not None else ms * 1000
         elapsed = rx - self._rx_us if rx >= 0 and self._rx_us >= 0 else 0
         furthest = max(JUMP_US, 2 * elapsed)
@@ -106,14 +129,12 @@ class BootClock:
                 return t, None
             if step < 0:  # a second message from the past: the vehicle has started anew
                 self.boot += 1
-                self._epoch_us = 0
                 t = ms * 1000
-                change = ("reboot", min(doubted, t), step)
-                self.latest_us = t
+                change = _Change("reboot", doubted, step)
             else:
-                change = ("clock_step", t, step)
+                change = _Change("clock_step", doubted + t - ms * 1000, step)
         self._doubted_us = None
         self._rx_us = rx
-        self.latest_us = t if change else max(latest, t)
+        self.latest_us = max(change.first_us, t) if change else max(latest, t)
         self._epoch_us = self.latest_us // WRAP_US * WRAP_US
         return t, change

@@ -37,7 +37,7 @@ class Notice(NamedTuple):
 
 
 def make_event(
-    name: str, vehicle: tuple[int, int], boot: int, t_boot_us: int | None, t_rx_us: int, **more: Any
+    name: str, vehicle: tuple[int, int], boot: int | None, t_boot_us: int | None, t_rx_us: int, **more: Any
 ) -> Event:
     """The event `name` of `vehicle` at `t_boot_us` on its boot clock, received at `t_rx_us` (None, −1: unknown)."""
     boot_s = None if t_boot_us is None else t_boot_us / 1e6

@@ -15,6 +15,7 @@ from gcs_bridge.align import Aligner, Pairs
 from gcs_bridge.checks.euler_quaternion import NAME, Disagreement, EulerQuaternion
 from gcs_bridge.events import Notice, Rank, make_event, utc
 from gcs_bridge.liveness import OTHER, LinkClock, Liveness, Timeline, Turn
+from gcs_bridge.mavlink.requests import request_command
 from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION
 from gcs_bridge.settings import Settings
 from gcs_bridge.vehicles import ClockNotice, Segment, VehicleBatch, VehicleReader
@@ -35,6 +36,8 @@ class StreamCount:
     max_gap_us: int | None = None
     _intervals: int = 0
     _spent_us: int = 0
+    _silences: int = 0
+    _silent_us: int = 0
     _last_us: int | None = None
     _last_lost: int = 0
 
@@ -51,9 +54,11 @@ class StreamCount:
         ahead = steps[steps > 0]
         if len(ahead):
             self.max_gap_us = max(int(ahead.max()), self.max_gap_us or 0)
-            regular = ahead[ahead <= _LONGEST_PERIOD_US]
+            regular = ahead[ahead <= _SILENCE_US]
             self._intervals += len(regular)
             self._spent_us += int(regular.sum())
+            self._silences += len(ahead) - len(regular)
+            self._silent_us += int(ahead.sum() - regular.sum())
         return steps
 
     def add_losses(self, steps: Int64s, period_us: Int64s, frames_lost: Int64s) -> None:
@@ -66,18 +71,24 @@ class StreamCount:
         self.lost -= int(((steps <= 0) & (missing < 0)).sum())  # came late, and had been counted before
         self._last_lost = int(frames_lost[-1])
 
+    def _rate_hz(self) -> float | None:
+        """Over the time in which it came; of a stream that is slower than silences are long, over all."""
+        if self._intervals:
+            return self._intervals / self._spent_us * US_PER_S
+        return self._silences / self._silent_us * US_PER_S if self._silences else None
+
     def entry(self) -> dict[str, Any]:
         """The stream's entry in the report."""
         return {
             "count": self.count,
-            "rate_hz": self._intervals / self._spent_us * US_PER_S if self._spent_us else None,
+            "rate_hz": self._rate_hz(),
             "max_gap_s": None if self.max_gap_us is None else self.max_gap_us / US_PER_S,
             "lost": self.lost,
             "invalid": self.invalid,
         }
 
 
-_LONGEST_PERIOD_US = 5_000_000  # a longer interval is a silence, and no part of the rate
+_SILENCE_US = 2_000_000  # a longer interval is a silence, and no part of the rate
 
 
 @dataclass
@@ -334,8 +345,6 @@ class VehicleJudge:
 
 
 def how_to_get(message: str, autopilot: str) -> str:
-    """The command that makes an autopilot send `message`."""
-    if autopilot == "px4":
-        return f"ask for it, 25 times a second: in PX4's shell `mavlink stream -r 25 -s {message}`"
-    msgid = {ATTITUDE: 30, ATTITUDE_QUATERNION: 31}[message]
-    return f"ask for it, 25 times a second: in MAVProxy `long SET_MESSAGE_INTERVAL {msgid} 40000`"
+    """What to do about a message that does not come."""
+    where, command = request_command(message, autopilot)
+    return f"ask for it, in {where}: {command}"

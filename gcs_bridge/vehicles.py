@@ -23,6 +23,7 @@ from gcs_bridge.samples import (
     IMU_MESSAGES,
     AttitudeSamples,
     ImuSamples,
+    Records,
     attitude_quaternion_samples,
     attitude_samples,
     clock_us,
@@ -91,6 +92,47 @@ class VehicleBatch:
     imu: dict[str, ImuSamples]
 
 
+class _Timed(NamedTuple):
+    """Messages with a boot time, n of any name in order of arrival; `record` (n,) is each one's row in `records`."""
+
+    message: Int64s  # index into TIMED
+    record: Int64s
+    time_boot_ms: npt.NDArray[np.uint32]
+    t_rx_us: Int64s
+    ordinal: Int64s
+    lost: Int64s
+    in_window: Mask
+    records: list[Records]  # one array a name in TIMED
+
+    def last(self) -> _Timed:
+        """The last message alone."""
+        kind, row = int(self.message[-1]), int(self.record[-1])
+        return _Timed(
+            self.message[-1:],
+            np.zeros(1, np.int64),
+            self.time_boot_ms[-1:],
+            self.t_rx_us[-1:],
+            self.ordinal[-1:],
+            self.lost[-1:],
+            self.in_window[-1:],
+            [of[row : row + 1] if name == kind else of[:0] for name, of in enumerate(self.records)],
+        )
+
+    def followed_by(self, then: _Timed) -> _Timed:
+        """These messages, and `then` those."""
+        before = np.array([len(of) for of in self.records])
+        return _Timed(
+            np.concatenate((self.message, then.message)),
+            np.concatenate((self.record, then.record + before[then.message])),
+            np.concatenate((self.time_boot_ms, then.time_boot_ms)),
+            np.concatenate((self.t_rx_us, then.t_rx_us)),
+            np.concatenate((self.ordinal, then.ordinal)),
+            np.concatenate((self.lost, then.lost)),
+            np.concatenate((self.in_window, then.in_window)),
+            [np.concatenate(both) for both in zip(self.records, then.records, strict=True)],
+        )
+
+
 class VehicleReader:
     """Reads one (system, component) of a link."""
 
@@ -109,6 +151,7 @@ class VehicleReader:
         self._standing: list[tuple[int, bool]] = []  # from which frame on it is a vehicle, or is none
         self._is_autopilot = False
         self._run = 0
+        self._held: _Timed | None = None  # the message that the clock doubts
         self._latest = (0, -1)  # boot and boot time last believed
         self._imu_offset_us: dict[tuple[str, int], int] = {}
 
@@ -132,61 +175,69 @@ class VehicleReader:
 
         Samples outside the window are left out; the clock and the identity are followed there too.
         """
-        rows_of = [self._rows(frames, name) for name in TIMED]
-        records_of = [
-            decode(buffer, frames[rows], self._dialect[name]) for rows, name in zip(rows_of, TIMED, strict=True)
-        ]
-        rows = np.concatenate(rows_of)
-        order = np.argsort(rows)
-        rows = rows[order]
-        message = np.repeat(np.arange(len(TIMED)), [len(of) for of in rows_of])[order]
-        record = np.concatenate([np.arange(len(of)) for of in rows_of])[order]
-        time_boot_ms = np.concatenate([records["time_boot_ms"] for records in records_of])[order]
-        t_rx_us = frames["t_rx_us"][rows]
-        times = self.clock.read(time_boot_ms, t_rx_us)
+        timed = self._read_timed(buffer, frames, ordinals, in_window)
+        times = self.clock.read(timed.time_boot_ms, timed.t_rx_us)
         changes = [
-            ClockNotice(change, int(ordinals[rows[change.place]]), int(t_rx_us[change.place]))
+            ClockNotice(change, int(timed.ordinal[change.place]), int(timed.t_rx_us[change.place]))
             for change in times.changes
         ]
+        boot, t_boot_us, believed = times.boot, times.t_boot_us, times.believed
+        held = 0
+        if self._held is not None and len(timed.message):
+            held = 1
+            timed = self._held.followed_by(timed)
+            boot, t_boot_us = np.concatenate((boot[:1], boot)), np.concatenate((t_boot_us[:1], t_boot_us))
+            believed = np.concatenate(([False], believed))
+        for release in times.released:
+            at = held + release.place - 1
+            boot[at], t_boot_us[at], believed[at] = release.boot, release.t_boot_us, True
+            timed.ordinal[at] = timed.ordinal[at + 1]  # it counts from when it was believed
+        if len(timed.message):
+            self._held = timed.last() if self.clock.doubts else None
 
         segments = []
-        usable = times.believed & in_window[rows]
-        for boot in range(int(times.boot[0]), int(times.boot[-1]) + 1) if len(rows) else ():
-            picked = np.flatnonzero(usable & (times.boot == boot))
-            if not len(picked):
-                continue
+        usable = believed & timed.in_window
+        for index in np.unique(boot[usable]).tolist():
+            picked = np.flatnonzero(usable & (boot == index))
             samples = []
-            for index, make in enumerate((attitude_samples, attitude_quaternion_samples)):
-                mine = picked[message[picked] == index]
-                samples.append(
-                    make(records_of[index][record[mine]], times.boot[mine], times.t_boot_us[mine], t_rx_us[mine])
-                )
-            segment = Segment(
-                boot,
-                message[picked],
-                times.t_boot_us[picked],
-                t_rx_us[picked],
-                ordinals[rows[picked]],
-                frames["lost"][rows[picked]],
-                *samples,
-            )
-            segments.append(segment)
+            for kind, make in enumerate((attitude_samples, attitude_quaternion_samples)):
+                mine = picked[timed.message[picked] == kind]
+                records = timed.records[kind][timed.record[mine]]
+                samples.append(make(records, boot[mine], t_boot_us[mine], timed.t_rx_us[mine]))
+            columns = (timed.t_rx_us[picked], timed.ordinal[picked], timed.lost[picked])
+            segments.append(Segment(index, timed.message[picked], t_boot_us[picked], *columns, *samples))
         self._identify(buffer, frames, ordinals, segments)
 
         counted = {name: frames["t_rx_us"][of] for name in COUNTED if len(of := self._rows(frames, name, in_window))}
         imu = {}
         if self._with_imu:
-            believed = np.flatnonzero(times.believed)
             for name in IMU_MESSAGES:
                 of = self._rows(frames, name, in_window)
                 if len(of):
-                    nearest = np.searchsorted(rows[believed], of) - 1
-                    boots = np.concatenate((times.boot[believed], [self._latest[0]]))[nearest]
-                    latest_us = np.concatenate((times.t_boot_us[believed], [self._latest[1]]))[nearest]
+                    nearest = np.searchsorted(timed.ordinal[believed], ordinals[of]) - 1
+                    boots = np.concatenate((boot[believed], [self._latest[0]]))[nearest]
+                    latest_us = np.concatenate((t_boot_us[believed], [self._latest[1]]))[nearest]
                     imu[name] = self._read_imu(name, buffer, frames[of], boots, latest_us)
-            if len(believed):
-                self._latest = (int(times.boot[believed[-1]]), int(times.t_boot_us[believed[-1]]))
+            if believed.any():
+                self._latest = (int(boot[believed][-1]), int(t_boot_us[believed][-1]))
         return VehicleBatch(segments, changes, counted, imu)
+
+    def _read_timed(self, buffer: Bytes, frames: Frames, ordinals: Int64s, in_window: Mask) -> _Timed:
+        rows_of = [self._rows(frames, name) for name in TIMED]
+        records = [decode(buffer, frames[rows], self._dialect[name]) for rows, name in zip(rows_of, TIMED, strict=True)]
+        rows = np.concatenate(rows_of)
+        order = np.argsort(rows)
+        rows = rows[order]
+        return _Timed(
+            np.repeat(np.arange(len(TIMED)), [len(of) for of in rows_of])[order],
+            np.concatenate([np.arange(len(of)) for of in rows_of])[order],
+            np.concatenate([of["time_boot_ms"] for of in records])[order],
+            frames["t_rx_us"][rows],
+            ordinals[rows],
+            frames["lost"][rows],
+            in_window[rows],
+            records,
+        )
 
     def _rows(self, frames: Frames, name: str, also: Mask | None = None) -> Int64s:
         if name not in self._dialect:

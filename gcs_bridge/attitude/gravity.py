@@ -281,8 +281,7 @@ def dead_reckon(
 
 def _rates(t: Array, q: Array) -> Array:
     rates = np.zeros((len(t), 3))
-    rates[1:] = body_rates_between(q[:-1], q[1:], np.diff(t))
-    rates[:1] = rates[1:2] if len(t) > 1 else 0.0
+    rates[1:] = body_rates_between(q[:-1], q[1:], np.diff(t))  # before the first there is nothing to tell
     return rates
 
 

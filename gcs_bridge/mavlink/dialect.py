@@ -120,6 +120,6 @@ def load_dialect(name: str = "all") -> Dialect:
         if not name.isidentifier():
             raise ModuleNotFoundError
         module = importlib.import_module(f"pymavlink.dialects.v20.{name}")
-    except ModuleNotFoundError as error:
+        return Dialect(name, module.mavlink_map, module.enums)
+    except (ModuleNotFoundError, AttributeError) as error:
         raise ValueError(f"unknown dialect {name!r}: the installed pymavlink has none of that name") from error
-    return Dialect(name, module.mavlink_map, module.enums)

@@ -214,7 +214,7 @@ def _follows(buf, end, n, final, timed, time, last_time, row_of_id):  # type: ig
 def _hides_a_frame(buf, start, end, timed, last_time, row_of_id, crc_extra):  # type: ignore[no-untyped-def]
     """Whether a good frame lies within the bytes that a failed frame's length claims: then the length is wrong."""
     for at in range(start + 1, end):
-        what, _, whole, _ = _look(buf, at, end, row_of_id, crc_extra)
+        what, _, _, _ = _look(buf, at, end, row_of_id, crc_extra)
         if what == _GOOD and (not timed or (at - 8 > start and _near(_time(buf, at - 8), last_time))):
             return True
     return False
@@ -427,6 +427,13 @@ class Salvage:
 MAX_GAPS = 100
 
 
+class RawFrame(NamedTuple):
+    """A whole frame, signature included, and its receive time."""
+
+    t_rx_us: int
+    data: bytes
+
+
 class Scanner:
     """The frames of one link or recording, from its bytes in pieces cut anywhere.
 
@@ -494,6 +501,17 @@ class Scanner:
         for offset, length in gaps[:n_gaps].tolist():
             salvage.add_gap(offset, length)
         return verified
+
+    def raw_frames(self) -> list[RawFrame]:
+        """The frames of the last call, those of unknown ids included, byte for byte as they came."""
+        frames = self.all_frames
+        start = frames["offset"] - self._base
+        signed = (self.buffer[start] == _V2) & (self.buffer[start + 2] & _SIGNED == _SIGNED)
+        stop = frames["payload"] + frames["length"] + np.where(signed, 15, 2)
+        return [
+            RawFrame(t_rx_us, self.buffer[first:end].tobytes())
+            for t_rx_us, first, end in zip(frames["t_rx_us"].tolist(), start.tolist(), stop.tolist(), strict=True)
+        ]
 
 
 _SMALLEST_FRAME = 8

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from gcs_bridge.errors import one_line
+from gcs_bridge.mavlink.requests import request_command
 from gcs_bridge.report.contract import COMPARATORS, LABELS, UNJUDGED, compared, sends_attitude
 
 __all__ = ["lines"]
@@ -21,8 +22,7 @@ _Entry = Mapping[str, Any]
 _WIDTH = 100
 _NBSP = "\N{NO-BREAK SPACE}"
 _UNITS = {"deg": "°", "deg/s": " °/s", "": "", "1": ""}
-_REQUESTS = {"ATTITUDE": 30, "ATTITUDE_QUATERNION": 31}  # the two sides of euler_quaternion, by message id
-_REQUEST_INTERVAL_US = 40_000
+_COMPARED = ("ATTITUDE", "ATTITUDE_QUATERNION")  # the two sides of euler_quaternion
 
 
 def lines(report: _Entry, *, detail: int = 0) -> list[str]:
@@ -133,9 +133,11 @@ def _alarm(alarm: _Entry) -> str:
     cleared = alarm["cleared_boot_s"]
     until = "to the end" if cleared is None else f"to {_seconds(cleared)}"
     utc = "" if alarm["raised_utc"] is None else f" (raised {alarm['raised_utc']})"
-    peak, tilt, heading = (_value(alarm[key], alarm["unit"]) for key in ("peak", "tilt", "heading"))
-    is_angle = alarm["check"] in COMPARATORS
-    how_much = f"differs by up to {peak}, tilt {tilt}, heading {heading}" if is_angle else f"up to {peak}"
+    if alarm["check"] in COMPARATORS:
+        peak, tilt, heading = (_angle(alarm[key]) for key in ("peak", "tilt", "heading"))
+        how_much = f"differs by up to {peak}, tilt {tilt}, heading {heading}"
+    else:
+        how_much = f"up to {_value(alarm['peak'], alarm['unit'])}"
     said = (
         f"{alarm['check']} from {_seconds(alarm['raised_boot_s'])} {until} of boot {_number(alarm['boot'])}{utc}: "
         f"{how_much}."
@@ -161,8 +163,8 @@ def _conclusion(entry: _Entry) -> Iterator[str]:
     # Where others send an attitude, a vehicle that sends none may have none: a tracker, a gimbal.
     flying = [vehicle for vehicle in vehicles if sends_attitude(vehicle)]
     for vehicle in flying or vehicles:
-        for command in _requests(vehicle):
-            yield f"            next, in MAVProxy for vehicle {vehicle['sysid']}: {command}"
+        for where, command in _requests(vehicle):
+            yield f"            next, in {where} for vehicle {vehicle['sysid']}: {command}"
 
 
 def _summary(vehicles: Sequence[_Entry]) -> str:
@@ -177,13 +179,13 @@ def _summary(vehicles: Sequence[_Entry]) -> str:
     return ", ".join(said if len(said) > 1 else [*said, "no alarm"])
 
 
-def _requests(vehicle: _Entry) -> list[str]:
-    """MAVProxy's commands that make the autopilot send the messages without which nothing can be compared."""
+def _requests(vehicle: _Entry) -> list[tuple[str, str]]:
+    """The commands that make the autopilot send the messages without which nothing can be compared."""
     if any(check["name"] == "euler_quaternion" and check["verdict"] not in UNJUDGED for check in vehicle["checks"]):
         return []
     return [
-        f"long SET_MESSAGE_INTERVAL {number} {_REQUEST_INTERVAL_US}"
-        for message, number in _REQUESTS.items()
+        request_command(message, vehicle["autopilot"])
+        for message in _COMPARED
         if not vehicle["streams"].get(message, {}).get("count")
     ]
 
@@ -222,6 +224,11 @@ def _value(value: float | Sequence[float] | None, unit: str | None) -> str:
         return "unknown"
     numbers = value if isinstance(value, Sequence) else [value]
     return "/".join(_number(number) for number in numbers) + _UNITS.get(unit or "", f" {unit}")
+
+
+def _angle(value_deg: float | None) -> str:
+    """In hundredths of a degree: what is smaller is nothing to act on."""
+    return "unknown" if value_deg is None else f"{value_deg:.2f}°"
 
 
 def _count(value: int | None, noun: str) -> str:

@@ -339,6 +339,7 @@ def test_slerp_goes_the_short_way_at_a_constant_rate():
     near = attitude.quaternion_from_rotvec([0, 0, 1e-12])
     close(attitude.slerp(degrees(), near, 0.25)[3] / 0.125e-12, 1.0)
     close(attitude.slerp(a, a, 0.3), a)
+    close(attitude.slerp(degrees(), degrees(roll=180), 0.5), degrees(roll=90))
 
 
 def test_mean_attitude():
@@ -368,6 +369,7 @@ def test_a_stream_is_made_continuous():
     stacked = attitude.continuous([signs * q, -signs * q])
     close(stacked, [-q, q])
     close(attitude.continuous(3.0 * signs * q), -3.0 * q)
+    close(attitude.continuous(np.eye(4)), np.eye(4))  # half turns are equally near with either sign
 
 
 def test_the_nearest_rotation():

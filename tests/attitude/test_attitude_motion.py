@@ -57,6 +57,7 @@ def test_rates_between_undo_a_step():
 
 def test_euler_rates_by_hand():
     """Rolled right by 90 deg, the body's y points down: pitch rate about it is yaw rate; r is pitch rate reversed."""
+    close(attitude.euler_rates_from_body_rates([0, 0, 0], [0, 1, 0]), [0, 1, 0])
     close(attitude.euler_rates_from_body_rates([np.pi / 2, 0, 0], [0, 1, 0]), [0, 0, 1])
     close(attitude.euler_rates_from_body_rates([np.pi / 2, 0, 0], [0, 0, 1]), [0, -1, 0])
     close(attitude.euler_rates_from_body_rates([0, np.pi / 4, 0], [0, 0, 1]), [1, 0, 2**0.5])
@@ -177,9 +178,13 @@ def test_the_two_downs():
     close(attitude.accelerometer_tilt(q, f), 0.0)
     close(attitude.accelerometer_tilt(degrees(pitch=30), [0, 0, -G]), np.radians(30))
     close(attitude.accelerometer_tilt(LEVEL, [0, 0, 5]), np.pi)
+    rng = np.random.default_rng(23)
+    q, f = random_quaternions(rng, 100), rng.normal(size=(100, 3))
+    cosines = -(attitude.body_down(q) * f).sum(axis=-1) / np.linalg.norm(f, axis=-1)
+    close(np.cos(attitude.accelerometer_tilt(q, f)), cosines)
     close(attitude.body_down(degrees(roll=90)), [0, 1, 0])
     close(attitude.body_down(degrees(pitch=90)), [-1, 0, 0])
-    assert np.isnan(attitude.accelerometer_tilt(q, [0, 0, 0]))
+    assert np.isnan(attitude.accelerometer_tilt(LEVEL, [0, 0, 0]))
     assert np.isnan(attitude.down_from_specific_force([0, 0, 0])).all()
 
 
@@ -187,6 +192,7 @@ def test_hover():
     """T = m g when level, twice that at 60 deg of bank, negative upside down, none on the side (M23)."""
     assert attitude.hover_thrust(LEVEL, 1.5) == 1.5 * G
     close(attitude.hover_thrust(degrees(roll=60), 1.0), 2 * G, 1e-13)
+    close(attitude.hover_thrust(degrees(pitch=45, roll=45, yaw=10), 1.0), 2 * G, 1e-13)
     close(attitude.hover_thrust(degrees(roll=180), 1.0), -G)
     assert np.isnan(attitude.hover_thrust([1, 1, 0, 0], 1.0))
     thrust = attitude.hover_thrust(LEVEL, 2.0)
@@ -251,6 +257,18 @@ def test_a_bad_row_is_not_rest_and_ends_none():
     t, f, w = rest(60)
     f[10, 1], w[40, 0] = np.nan, np.inf
     assert np.flatnonzero(attitude.at_rest(t, f, w)).tolist() == [*range(30, 40), *range(41, 60)]
+
+
+def test_two_samples_at_one_instant_are_no_step_backwards():
+    """Doubled times are allowed: they add nothing to the motion, and end no rest."""
+    t, f, w = rest(80)
+    doubled = np.repeat(np.arange(80), 2)
+    assert (attitude.at_rest(t[doubled], f[doubled], w[doubled]) == attitude.at_rest(t, f, w)[doubled]).all()
+    f[:, 0] = 2.0
+    once = attitude.dead_reckon(t, np.tile(LEVEL, (80, 1)), f)
+    twice = attitude.dead_reckon(t[doubled], np.tile(LEVEL, (160, 1)), f[doubled])
+    for part, full in zip(once, twice, strict=True):
+        close(full, part[doubled], 1e-12)
 
 
 # Dead reckoning

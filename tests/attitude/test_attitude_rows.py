@@ -104,7 +104,7 @@ def test_a_meaningless_row_becomes_nan_and_disturbs_no_other(name, function, rng
         places = list(np.ndindex(*tail))
         spoilt = [(place, value) for place in places for value in (np.nan, np.inf, -np.inf, 1e300)]
         if CASES[name][key] == QUATERNION:
-            spoilt += [(..., 0.0), (..., np.inf), (..., 1e-300)]
+            spoilt += [(..., 0.0), (..., np.inf), (..., 1e-300), (..., 1e-80), (..., 1e80)]
         if CASES[name][key] == SHARE:
             spoilt += [((), -0.1), ((), 1.1)]
         for place, value in spoilt:
