@@ -98,6 +98,7 @@ class Alarm:
         self._off_delay_us = round(settings.off_delay_s * 1e6)
         self._window_us = round(settings.window_s * 1e6)
         self._recent: deque[_Sample] = deque(maxlen=settings.counted_samples)
+        self._now_us = 0  # the latest sample's time: one that comes late does not turn the delays back
         self._since_us = 0
         self.worst = Worst(-1.0, np.empty(0))  # of the present excursion
 
@@ -111,6 +112,7 @@ class Alarm:
                 following = np.searchsorted(bad_at, index)
                 skip_to = int(bad_at[following]) if following < len(bad_at) else len(samples.bad)
                 index = max(index, skip_to - self._settings.counted_samples)
+                self._now_us = max(self._now_us, int(samples.t_boot_us[:skip_to].max(initial=0)))
                 while index < skip_to:
                     self._recent.append(_sample(samples, index))
                     index += 1
@@ -120,32 +122,32 @@ class Alarm:
             index += 1
 
     def _take(self, index: int, sample: _Sample) -> Iterator[Change]:
+        self._now_us = max(self._now_us, sample.t_us)
         self._recent.append(sample)
-        vote = self._vote(sample.t_us)
-        following = TRANSITIONS[self.state, vote]
+        voters = [voter for voter in self._recent if self._now_us - voter.t_us <= self._window_us]
+        following = TRANSITIONS[self.state, self._vote(voters)]
         if self.state is State.NORMAL and following is State.PENDING:
-            self.worst = max((s.worst for s in self._recent), key=lambda worst: worst.value)
+            self.worst = max((voter.worst for voter in voters), key=lambda worst: worst.value)
         elif sample.worst.value > self.worst.value:
             self.worst = sample.worst
-        yield from self._go(index, following, sample.t_us)
-        waited_us = sample.t_us - self._since_us
+        yield from self._go(index, following)
+        waited_us = self._now_us - self._since_us
         if self.state is State.PENDING and waited_us >= self._on_delay_us:
-            yield from self._go(index, State.RAISED, sample.t_us)
+            yield from self._go(index, State.RAISED)
         elif self.state is State.CLEARING and waited_us >= self._off_delay_us:
-            yield from self._go(index, State.NORMAL, sample.t_us)
+            yield from self._go(index, State.NORMAL)
 
-    def _go(self, index: int, state: State, t_us: int) -> Iterator[Change]:
+    def _go(self, index: int, state: State) -> Iterator[Change]:
         if state is self.state:
             return
-        before, self.state, self._since_us = self.state, state, t_us
-        yield Change(index, before, state, t_us, self.worst)
+        before, self.state, self._since_us = self.state, state, self._now_us
+        yield Change(index, before, state, self._now_us, self.worst)
 
-    def _vote(self, now_us: int) -> Vote:
-        voters = [sample for sample in self._recent if now_us - sample.t_us <= self._window_us]
+    def _vote(self, voters: list[_Sample]) -> Vote:
         needed = self._settings.bad_samples
-        if sum(sample.bad for sample in voters) >= needed:
+        if sum(voter.bad for voter in voters) >= needed:
             return Vote.BAD
-        return Vote.LOW if sum(not sample.low for sample in voters) < needed else Vote.BETWEEN
+        return Vote.LOW if sum(not voter.low for voter in voters) < needed else Vote.BETWEEN
 
 
 def _sample(samples: Rated, index: int) -> _Sample:

@@ -38,7 +38,8 @@ KIN_PER_CHANGE = 0.5  # of the change of rate over the gap
 KIN_PER_TURN = 0.1  # of the turn over the gap
 UNREPORTED_TURN_RAD = radians(0.5)  # a step this large between rates of exactly zero: the sender reports no rates
 
-_RING = 1024  # samples of each stream that can still find a partner
+_RING = 1024  # samples of each stream that can still find a partner; a power of two
+_LAST = _RING - 1
 _BLOCK = 32  # sample intervals behind each estimate of a stream's period
 _FIRST_BLOCK = 8
 _FASTER = 1.25  # ratio of periods from which a stream counts as the slower one
@@ -83,7 +84,20 @@ def _new_state() -> _State:
 
 
 @helper
-def _follow_period(state, k, t, t_rx):  # type: ignore[no-untyped-def]  # compiled into match_kernel, typed there
+def _median(values, n):  # type: ignore[no-untyped-def]  # compiled into match_kernel, typed there
+    """The lower median of the first `n` values, which it sorts: they are few."""
+    for i in range(1, n):
+        value = values[i]
+        j = i
+        while j > 0 and values[j - 1] > value:
+            values[j] = values[j - 1]
+            j -= 1
+        values[j] = value
+    return values[(n - 1) // 2]
+
+
+@helper
+def _follow_period(state, k, t, t_rx):  # type: ignore[no-untyped-def]
     """Take the interval before a sample into the running estimate of its stream's period: the median of a block."""
     of = state.of[k]
     if of[_LATEST] == _UNKNOWN:
@@ -93,7 +107,7 @@ def _follow_period(state, k, t, t_rx):  # type: ignore[no-untyped-def]  # compil
     state.interval[k, n] = t - of[_LATEST]
     n += 1
     if n == _BLOCK or (n == _FIRST_BLOCK and of[_PERIOD] == _UNKNOWN):
-        of[_PERIOD] = np.int64(np.median(state.interval[k, :n]))
+        of[_PERIOD] = _median(state.interval[k], n)
     if n == _BLOCK:
         if t_rx >= 0:
             of[_RX_PERIOD] = max((t_rx - of[_RX_START]) // n, 0)
@@ -118,10 +132,12 @@ def _decide_slower(state):  # type: ignore[no-untyped-def]
 @helper
 def _same_instant(state, k, t):  # type: ignore[no-untyped-def]
     """Position of the unpaired sample of stream `k` at exactly `t`, −1 if there is none."""
+    if state.of[k, _LATEST] < t:
+        return _UNKNOWN
     count = state.of[k, _COUNT]
     for position in range(count - 1, max(count - _RING, 0) - 1, -1):
-        time = state.time[k, position % _RING]
-        if time == t and not state.paired[k, position % _RING]:
+        time = state.time[k, position & _LAST]
+        if time == t and not state.paired[k, position & _LAST]:
             return position
         if time < t - _LATE_US:
             break
@@ -133,7 +149,7 @@ def _ordered_after(state, k, t):  # type: ignore[no-untyped-def]
     """Index in `ordered` of the first sample of stream `k` behind `t`; the one before it is at or before `t`."""
     n = state.of[k, _ORDERED]
     index = n
-    while index > max(n - _RING, 0) and state.time[k, state.ordered[k, (index - 1) % _RING] % _RING] > t:
+    while index > max(n - _RING, 0) and state.time[k, state.ordered[k, (index - 1) & _LAST] & _LAST] > t:
         index -= 1
     return index
 
@@ -145,7 +161,7 @@ def _stands_for(state, slower, t, max_gap_us):  # type: ignore[no-untyped-def]
     index = _ordered_after(state, k, t - 1) - 1
     if index < max(state.of[k, _ORDERED] - _RING, 0):
         return np.int64(0)
-    since = t - state.time[k, state.ordered[k, index % _RING] % _RING]
+    since = t - state.time[k, state.ordered[k, index & _LAST] & _LAST]
     period = state.of[k, _PERIOD]
     return min(since, 3 * period if period != _UNKNOWN else max_gap_us)
 
@@ -157,9 +173,9 @@ def _pair_waiting(state, k, trigger, max_gap_us, matches, n):  # type: ignore[no
     left = 0
     for i in range(state.of[k, _WAITING]):
         position = state.waiting[k, i]
-        if state.of[k, _COUNT] - position >= _RING or state.paired[k, position % _RING]:
+        if state.of[k, _COUNT] - position >= _RING or state.paired[k, position & _LAST]:
             continue
-        t = state.time[k, position % _RING]
+        t = state.time[k, position & _LAST]
         if t >= state.of[other, _LATEST]:
             state.waiting[k, left] = position
             left += 1
@@ -167,12 +183,12 @@ def _pair_waiting(state, k, trigger, max_gap_us, matches, n):  # type: ignore[no
         index = _ordered_after(state, other, t)
         if index - 1 < max(state.of[other, _ORDERED] - _RING, 0):
             continue
-        before = state.ordered[other, (index - 1) % _RING]
-        after = state.ordered[other, index % _RING]
-        gap = state.time[other, after % _RING] - state.time[other, before % _RING]
+        before = state.ordered[other, (index - 1) & _LAST]
+        after = state.ordered[other, index & _LAST]
+        gap = state.time[other, after & _LAST] - state.time[other, before & _LAST]
         if state.of[other, _COUNT] - before >= _RING or gap > max_gap_us:
             continue
-        state.paired[k, position % _RING] = 1
+        state.paired[k, position & _LAST] = 1
         match = matches[n]
         match.trigger, match.slower, match.same = trigger, k, 0
         match.sample, match.before, match.after = position, before, after
@@ -194,21 +210,21 @@ def match_kernel(
         other = 1 - k
         t = t_us[i]
         position = state.of[k, _COUNT]
-        state.time[k, position % _RING] = t
-        state.paired[k, position % _RING] = 0
+        state.time[k, position & _LAST] = t
+        state.paired[k, position & _LAST] = 0
         state.of[k, _COUNT] += 1
         in_order = t > state.of[k, _LATEST]
         if in_order:
             _follow_period(state, k, t, t_rx_us[i])
             _decide_slower(state)
-            state.ordered[k, state.of[k, _ORDERED] % _RING] = position
+            state.ordered[k, state.of[k, _ORDERED] & _LAST] = position
             state.of[k, _ORDERED] += 1
             state.of[k, _LATEST] = t
         slower = state.slower[0]
         partner = _same_instant(state, other, t)
         if partner != _UNKNOWN:
-            state.paired[k, position % _RING] = 1
-            state.paired[other, partner % _RING] = 1
+            state.paired[k, position & _LAST] = 1
+            state.paired[other, partner & _LAST] = 1
             match = matches[n]
             match.trigger, match.same = i, 1
             match.slower = QUATERNION if slower == _UNKNOWN else slower

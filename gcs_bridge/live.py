@@ -16,10 +16,10 @@ from gcs_bridge.events import Event, utc
 from gcs_bridge.monitor import Monitor
 from gcs_bridge.sources.link import Link, LinkDownError, now_us
 
-__all__ = ["Stop", "listen", "load_kernels"]
+__all__ = ["Stop", "listen"]
 
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
-_BATCH_S = 0.02  # the least time from batch to batch: judging one costs the same whether it holds one message or ten
+_BATCH_S = 1 / 30  # the least time from batch to batch: judging one costs the same whether it holds one message or ten
 
 
 class Stop:
@@ -77,12 +77,11 @@ def listen(
                 return True
             ready = waiter.wait(_TICK_S if ends_s is None else min(_TICK_S, ends_s - now_s))
             taken_s = time.monotonic()
-            for one in ready:
-                one.take()
+            heard = [one for one in ready if one.take()]
             if taken_s - ticked_s >= _TICK_S:
                 ticked_s = taken_s
                 for one in listened:
-                    if one not in ready:  # or it would be late where this process was held up
+                    if one not in heard:  # there may be more to come that waited while this process was held up
                         one.advance()
             for one in [one for one in listened if one.ended]:
                 waiter.remove(one)
@@ -90,11 +89,6 @@ def listen(
             if ready:
                 time.sleep(max(_BATCH_S - (time.monotonic() - taken_s), 0))
     return False
-
-
-def load_kernels(monitor: Monitor, recording: bytes) -> None:
-    """Judge some of a recording and forget it: what is compiled or loaded at first use is so before the first byte."""
-    monitor.feed_recording(recording)
 
 
 class _Listened:
@@ -109,14 +103,14 @@ class _Listened:
         self._dropped = 0
         monitor.open_link(number, datagrams=link.datagrams)
 
-    def take(self) -> None:
-        """Judge everything that has arrived."""
+    def take(self) -> bool:
+        """Judge everything that has arrived; whether there was anything."""
         try:
             pieces = self.link.drain()
         except LinkDownError as end:
             self.ended = True
             self.say("link_down", reason=str(end))
-            return
+            return False
         if self.link.datagrams:
             self._pass_on(self._monitor.feed_datagrams(pieces, self._number))
         elif pieces:
@@ -126,6 +120,7 @@ class _Listened:
         if self.link.dropped != self._dropped:
             lost, self._dropped = self.link.dropped - self._dropped, self.link.dropped
             self.say("damage", reason=f"{lost} datagrams were dropped here: this machine is too slow", dropped=lost)
+        return bool(pieces)
 
     def advance(self) -> None:
         """Nothing has come: let time pass."""

@@ -80,7 +80,7 @@ class _Stream:
     def __init__(self) -> None:
         self.seen = False
         self.alive = False
-        self.last_us = 0
+        self.last_us = 0  # the vehicle's time when it was last heard: a stream that comes late is not silent
         self.period_us = -1
         self.rx_period_us = -1
 
@@ -131,12 +131,15 @@ class Liveness:
                 yield from self._take_one_by_one(part, link)
 
     def _take_at_once(self, line: Timeline) -> None:
+        if not len(line.stream):
+            return
+        latest_us = np.maximum.accumulate(np.concatenate(([self._latest_us], line.t_boot_us)))[1:]
         for k, stream in enumerate(self.streams):
             mine = np.flatnonzero(line.stream == k)
             if len(mine):
-                stream.last_us = max(stream.last_us, int(line.t_boot_us[mine].max()))
+                stream.last_us = int(latest_us[mine[-1]])
                 stream.learn(_last_known(line.period_us[mine]), _last_known(line.rx_period_us[mine]))
-        self._latest_us = max(self._latest_us, int(line.t_boot_us.max()))
+        self._latest_us = int(latest_us[-1])
         self._latest_rx_us, self._latest_ordinal = int(line.t_rx_us[-1]), int(line.ordinal[-1])
 
     def _take_one_by_one(self, line: Timeline, link: LinkClock) -> Iterator[Turn]:
@@ -162,7 +165,7 @@ class Liveness:
         if not len(silence_us) or silence_us[-1] <= self._shortest_us:
             return
         for k, stream in enumerate(self.streams):
-            allowed_us = self._deadline_us(stream.rx_period_us)
+            allowed_us = self._deadline_us(stream.rx_period_us if stream.rx_period_us >= 0 else stream.period_us)
             passed = np.flatnonzero(silence_us > allowed_us)
             if stream.alive and len(passed):
                 at_us = max(stream.last_us + self._deadline_us(stream.period_us), self._latest_us)
@@ -177,13 +180,13 @@ class Liveness:
             return False
         if np.diff(line.t_rx_us, prepend=max(self._latest_rx_us, 0)).max() > self._shortest_us:
             return False
-        latest = max(int(line.t_boot_us.max()), self._latest_us)
+        latest_us = np.maximum.accumulate(np.concatenate(([self._latest_us], line.t_boot_us)))[1:]
         for k, stream in enumerate(self.streams):
-            times = line.t_boot_us[line.stream == k]
+            heard_us = latest_us[line.stream == k]
             if not stream.alive:
-                if len(times):
+                if len(heard_us):
                     return False
-            elif np.diff(np.concatenate(([stream.last_us], times, [latest]))).max() > self._shortest_us:
+            elif np.diff(np.concatenate(([stream.last_us], heard_us, latest_us[-1:]))).max() > self._shortest_us:
                 return False
         return True
 
@@ -206,11 +209,11 @@ class Liveness:
         if not stream.alive:
             turn = Turn(ordinal, k, "resumed" if stream.seen else "started", t_us)
             stream.seen = stream.alive = True
-            stream.last_us = t_us
+            stream.last_us = self._latest_us
             if self.both_alive:
-                self._both_since_us = t_us
+                self._both_since_us = self._latest_us
             yield turn
-        stream.last_us = max(stream.last_us, t_us)
+        stream.last_us = self._latest_us
 
     def _stale(self, k: int, at_us: int, ordinal: int, ago_us: int) -> Iterator[Turn]:
         """Stream `k` is stale from `at_us` on; looking back, it was not alive from its last sample on."""

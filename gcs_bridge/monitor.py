@@ -17,7 +17,7 @@ from gcs_bridge.events import Event, Notice, Rank, in_order, make_event
 from gcs_bridge.judge import STREAMS, Observer, VehicleJudge
 from gcs_bridge.liveness import LinkClock, latest_rx
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
-from gcs_bridge.mavlink.scan import Bytes, Frames, RawFrame, Salvage, Scanner
+from gcs_bridge.mavlink.scan import FRAME, Bytes, Frames, RawFrame, Salvage, Scanner
 from gcs_bridge.presence import Presence
 from gcs_bridge.report import Report
 from gcs_bridge.report.contract import worst_verdict
@@ -29,6 +29,7 @@ Int64s = npt.NDArray[np.int64]
 _RECORDING = "recording"
 
 Datagram = tuple[bytes, int]  # with its receive time, µs since 1970
+_FRAME_BYTES = np.dtype((np.void, FRAME.itemsize))
 FrameObserver = Callable[[int | str, Sequence[RawFrame]], None]
 
 
@@ -225,9 +226,11 @@ class _Link:
             size += len(scanner.buffer)
         if not any(map(len, found)):
             return []
-        alone = len(found) == 1
-        frames, buffer = (found[0], buffers[0]) if alone else (np.concatenate(found), np.concatenate(buffers))
-        return _events(self._judge(frames, buffer))
+        if len(found) == 1:
+            return _events(self._judge(found[0], buffers[0]))
+        # As plain bytes: numpy takes long to join structured arrays.
+        frames = np.concatenate([frames.view(_FRAME_BYTES) for frames in found]).view(FRAME)
+        return _events(self._judge(frames, np.concatenate(buffers)))
 
     def advance(self, t_rx_us: int) -> list[Event]:
         if t_rx_us <= self._latest_rx_us:
@@ -269,12 +272,13 @@ class _Link:
         if self._sysid is not None:
             wanted &= frames["sysid"] == self._sysid
         clock = LinkClock(ordinals, latest_rx_us)
-        for key in np.unique(component[wanted]).tolist():
+        present = np.flatnonzero(np.bincount(component[wanted])).tolist()
+        for key in present:
             rows = np.flatnonzero(wanted & (component == key))
             vehicle = self._vehicles.get(key) or self._new_vehicle(key)
             batch = vehicle.reader.read(buffer, frames[rows], ordinals[rows], in_window[rows])
             yield from vehicle.take(batch, ordinals[rows], clock)
-        for key in self._vehicles.keys() - set(component[wanted].tolist()):
+        for key in self._vehicles.keys() - set(present):
             vehicle = self._vehicles[key]
             yield from vehicle.advance(clock)
 

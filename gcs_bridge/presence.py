@@ -38,6 +38,9 @@ class Presence:
     def take(self, ordinals: Int64s, link: LinkClock) -> Iterator[Turn]:
         """Follow the next frames of the link, of which `ordinals` are the vehicle's; yield each change."""
         clock_us = link.latest_rx_us
+        if len(ordinals) and not self._lost and clock_us[-1] - self._heard_us <= LOST_AFTER_US and self._heard_us >= 0:
+            self._heard_us = int(clock_us[ordinals[-1] - link.ordinal[0]])  # the common case
+            return
         own = ordinals - link.ordinal[0]
         heard_us = np.concatenate(([self._heard_us], clock_us[own]))
         until = np.concatenate((own, [len(clock_us) - 1]))

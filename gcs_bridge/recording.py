@@ -34,7 +34,7 @@ from gcs_bridge.vehicles import VehicleReader
 Progress = Callable[[int, int], None]
 
 _PIECE = 2**22  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
-_PROBE = 2**20  # bytes by which a recording is told from a stream without times
+_PROBE = 2**18  # bytes by which a recording is told from a stream without times
 
 # Other flight logs by their first bytes, each with the tool that reads it.
 _FOREIGN = (

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from heapq import merge
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -255,9 +256,7 @@ class VehicleReader:
             (int(ordinal), int(t_rx_us), beat)
             for ordinal, t_rx_us, beat in zip(ordinals[rows], frames["t_rx_us"][rows], beats, strict=True)
         ]
-        if not self._standing:
-            signs += [sign for segment in segments for sign in _attitude_signs(segment)]
-        for ordinal, t_rx_us, sign in sorted(signs, key=lambda sign: sign[0]):
+        for ordinal, t_rx_us, sign in merge(signs, self._attitude_signs(segments), key=lambda sign: sign[0]):
             if isinstance(sign, bool):
                 self._run = self._run + 1 if sign else 0
                 if self._run >= self._settings.attitude_run and not self._standing:
@@ -272,6 +271,15 @@ class VehicleReader:
                 self.type = self._dialect.enum_name("MAV_TYPE", int(sign["type"]))
                 self._stand(ordinal, t_rx_us, is_one=True)
                 return
+
+    def _attitude_signs(self, segments: list[Segment]) -> Iterator[tuple[int, int, Any]]:
+        """Ordinal, receive time and validity of each attitude, while it is not known whether this is a vehicle."""
+        for segment in segments:
+            valid = segment.valid_attitude
+            for row in np.flatnonzero(segment.attitude).tolist():
+                if self._standing:
+                    return
+                yield int(segment.ordinal[row]), int(segment.t_rx_us[row]), bool(valid[row])
 
     def _stand(self, ordinal: int, t_rx_us: int, *, is_one: bool) -> None:
         if not self._standing or self._standing[-1][1] != is_one:
@@ -297,10 +305,3 @@ class VehicleReader:
                 self._imu_offset_us[name, int(boot)] = int(offset[-1])
                 t_boot_us[mine] = t_us[mine] - offset
         return imu_samples(name, records, self.autopilot, boots, t_boot_us, frames["t_rx_us"].copy())
-
-
-def _attitude_signs(segment: Segment) -> Iterator[tuple[int, int, bool]]:
-    """Ordinal, receive time and validity of each attitude of a segment."""
-    valid = segment.valid_attitude
-    for row in np.flatnonzero(segment.attitude).tolist():
-        yield int(segment.ordinal[row]), int(segment.t_rx_us[row]), bool(valid[row])
