@@ -156,12 +156,17 @@ def _ordered_after(state, k, t):  # type: ignore[no-untyped-def]
 
 @helper
 def _stands_for(state, slower, t, max_gap_us):  # type: ignore[no-untyped-def]
-    """Time since the slower stream's sample before `t`, three periods at the most."""
+    """Time since the slower stream's sample before the one at `t`, three periods at the most; 0 for one that came late.
+
+    The one behind a late sample stands for its time already.
+    """
     k = QUATERNION if slower == _UNKNOWN else slower
-    index = _ordered_after(state, k, t - 1) - 1
-    if index < max(state.of[k, _ORDERED] - _RING, 0):
+    index = _ordered_after(state, k, t) - 1
+    if index - 1 < max(state.of[k, _ORDERED] - _RING, 0):
         return np.int64(0)
-    since = t - state.time[k, state.ordered[k, index & _LAST] & _LAST]
+    if state.time[k, state.ordered[k, index & _LAST] & _LAST] != t:
+        return np.int64(0)
+    since = t - state.time[k, state.ordered[k, (index - 1) & _LAST] & _LAST]
     period = state.of[k, _PERIOD]
     return min(since, 3 * period if period != _UNKNOWN else max_gap_us)
 
@@ -356,13 +361,16 @@ class Aligner:
         for recent, samples in zip(self._recent, (euler, quaternion), strict=True):
             if len(samples):
                 q = attitude.normalise(samples.q_nb)
-                recent.append(samples.t_boot_us, q, samples.w_nb_b_rad_s, self._reset)
+                with np.errstate(invalid="ignore"):  # rates that are no numbers: they explain no step
+                    recent.append(samples.t_boot_us, q, samples.w_nb_b_rad_s, self._reset)
         waiting = int(self._state.of[:, _WAITING].sum())
         matches = np.empty(len(stream) + waiting + 1, MATCH)
         periods = np.empty((len(stream), 2), np.int64)
         max_gap_us = round(self._alignment.max_gap_s * 1e6)
         n = match_kernel(stream, t_us, t_rx_us, max_gap_us, self._state, matches, periods)
-        return Aligned(self._evaluated(matches[:n]), periods[:, 0], periods[:, 1])
+        with np.errstate(invalid="ignore"):  # rates that are no numbers: the bound is none then
+            pairs = self._evaluated(matches[:n])
+        return Aligned(pairs, periods[:, 0], periods[:, 1])
 
     def _evaluated(self, matches: npt.NDArray[np.void]) -> Pairs:
         """The matched samples as pairs, the faster stream interpolated where the instants differ."""

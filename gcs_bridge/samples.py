@@ -24,6 +24,7 @@ NORM_TOLERANCE = 0.5  # a quaternion further from unit norm has no attitude left
 
 ATTITUDE = "ATTITUDE"
 ATTITUDE_QUATERNION = "ATTITUDE_QUATERNION"
+_RATES = ("rollspeed", "pitchspeed", "yawspeed")
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def attitude_samples(records: Records, boot: Int64s, t_boot_us: Int64s, t_rx_us:
     """ATTITUDE: roll, pitch, yaw in rad, intrinsic Z-Y-X (rule M11), wider ranges than nominal included."""
     rpy = _columns(records, "roll", "pitch", "yaw")
     q = attitude.quaternion_from_rpy(roll_rad=rpy[:, 0], pitch_rad=rpy[:, 1], yaw_rad=rpy[:, 2])
-    return AttitudeSamples(t_boot_us, boot, t_rx_us, q, _body_rates(records), _finite(rpy), ATTITUDE, rpy)
+    return AttitudeSamples(t_boot_us, boot, t_rx_us, q, _columns(records, *_RATES), _finite(rpy), ATTITUDE, rpy)
 
 
 def attitude_quaternion_samples(records: Records, boot: Int64s, t_boot_us: Int64s, t_rx_us: Int64s) -> AttitudeSamples:
@@ -100,14 +101,7 @@ def attitude_quaternion_samples(records: Records, boot: Int64s, t_boot_us: Int64
     q = _columns(records, "q1", "q2", "q3", "q4")
     norm = np.sqrt(q[:, 0] ** 2 + q[:, 1] ** 2 + q[:, 2] ** 2 + q[:, 3] ** 2)
     valid: Mask = _finite(q) & (np.abs(norm - 1.0) <= NORM_TOLERANCE)
-    return AttitudeSamples(t_boot_us, boot, t_rx_us, q, _body_rates(records), valid, ATTITUDE_QUATERNION)
-
-
-def _body_rates(records: Records) -> Floats:
-    """Rates in rad/s, body axes; NaN where the wire has no number."""
-    w = _columns(records, "rollspeed", "pitchspeed", "yawspeed")
-    w[~np.isfinite(w)] = np.nan
-    return w
+    return AttitudeSamples(t_boot_us, boot, t_rx_us, q, _columns(records, *_RATES), valid, ATTITUDE_QUATERNION)
 
 
 def no_attitudes(source: str) -> AttitudeSamples:
