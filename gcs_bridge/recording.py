@@ -13,6 +13,7 @@ import numpy as np
 
 from gcs_bridge.align import match_kernel
 from gcs_bridge.errors import SourceError, UsageError
+from gcs_bridge.events import Event
 from gcs_bridge.mavlink.decode import gather
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.jit import needs_compiling
@@ -83,7 +84,7 @@ def read(path: str | Path, *, dialect: str = "all") -> Recording:
     tables = open_dialect(dialect)
     _announce()
     with _opened(path) as file:
-        scanner = Scanner(tables, timed=_is_timed(file, tables, path))
+        scanner = Scanner(tables, timed=_start_us(file, tables, path) is not None)
         gathered: dict[int, _Gathered] = {}
         n_frames = 0
         for piece, last in _pieces(file):
@@ -127,21 +128,58 @@ def check_file(
     `from_s` is past its end or the file has no times to select by.
     """
     monitor = Monitor(settings=settings, dialect=dialect, sysid=sysid, from_s=from_s, to_s=to_s)
-    _announce()
-    with _opened(path) as file:
-        size = file.seek(0, 2)
-        timed = _is_timed(file, open_dialect(dialect), path)
-        if not timed and (from_s is not None or to_s is not None):
-            raise UsageError(f"{path}: has no record times, so --from and --to cannot select by them")
+    with open_recording(path, dialect) as source:
+        if from_s is not None or to_s is not None:
+            source.need_times("--from and --to cannot select by them")
         done = 0
-        for piece, _ in _pieces(file):
-            if timed:
-                monitor.feed_recording(piece)
-            else:
-                monitor.feed(piece, -1)
+        for piece in source.pieces():
+            source.feed(monitor, piece)
             done += len(piece)
             if progress is not None:
-                progress(done, size)
+                progress(done, source.size)
+    return closing_entry(monitor, path)
+
+
+class Source:
+    """A recording that is being read: its bytes in pieces, to be fed to a monitor as what they are."""
+
+    def __init__(self, file: BinaryIO, path: Path, start_us: int | None) -> None:
+        """Read from `file`; `start_us`: its first record's time, µs since 1970, None for a stream without times."""
+        self.start_us = start_us
+        self.timed = start_us is not None
+        self.size = file.seek(0, 2)
+        self._file = file
+        self._path = path
+
+    def need_times(self, so_that: str) -> None:
+        """Raise UsageError, with what is impossible, if there are no record times."""
+        if not self.timed:
+            raise UsageError(f"{self._path}: has no record times, so {so_that}")
+
+    def pieces(self, length: Callable[[], int] = lambda: _PIECE) -> Iterator[bytes]:
+        """All its bytes from the first, each piece as long as `length` says when it is read."""
+        self._file.seek(0)
+        while piece := self._file.read(length()):
+            yield piece
+
+    def feed(self, monitor: Monitor, piece: bytes) -> list[Event]:
+        """Give a piece to `monitor`; the events that it brought about."""
+        return monitor.feed_recording(piece) if self.timed else monitor.feed(piece, -1)
+
+
+@contextmanager
+def open_recording(path: Path, dialect: str = "all") -> Iterator[Source]:
+    """The recording, open; SourceError where it cannot be used, also later while it is read."""
+    _announce()
+    with _opened(path) as file:
+        yield Source(file, path, _start_us(file, open_dialect(dialect), path))
+
+
+def closing_entry(monitor: Monitor, path: Path) -> dict[str, Any]:
+    """The report's entry of a recording that has been fed to `monitor` as a whole.
+
+    Raises UsageError where nothing was recorded in the times to judge.
+    """
     report = monitor.close()
     if monitor.window_is_empty:
         raise UsageError(f"{path}: nothing was recorded between --from and --to: {monitor.span_s:.1f} s in all")
@@ -201,10 +239,11 @@ def _pieces(file: BinaryIO) -> Iterator[tuple[bytes, bool]]:
         piece = following
 
 
-def _is_timed(file: BinaryIO, dialect: Dialect, path: Path) -> bool:
-    """Whether the file is a .tlog, not a stream without times: by which reading finds the frames in its beginning.
+def _start_us(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
+    """The first record's time of a .tlog, None for a stream without times.
 
-    Read as a stream, a .tlog shows its frames too, so the reading with times wins unless it misses most of them.
+    They are told apart by which reading finds the frames in the file's beginning. Read as a stream, a .tlog shows its
+    frames too, so the reading with times wins unless it misses most of them.
     Raises SourceError for a file that is empty, another format, or without a frame.
     """
     file.seek(0)
@@ -212,10 +251,11 @@ def _is_timed(file: BinaryIO, dialect: Dialect, path: Path) -> bool:
         for magic, what in _FOREIGN:
             if file.tell() == len(probe) and probe.startswith(magic):
                 raise SourceError(f"{path}: {what}")
-        timed = len(Scanner(dialect, timed=True).scan(probe, final=True))
-        stream = len(Scanner(dialect, timed=False).scan(probe, final=True))
-        if timed or stream:
-            return timed * 2 > stream
+        timed = Scanner(dialect, timed=True).scan(probe, final=True)
+        stream = Scanner(dialect, timed=False).scan(probe, final=True)
+        if len(timed) or len(stream):
+            known_us = timed["t_rx_us"][timed["t_rx_us"] > 0]  # a damaged time reads as 0
+            return int(next(iter(known_us), 0)) if len(timed) * 2 > len(stream) else None
     if not file.tell():
         raise SourceError(f"{path}: the file is empty")
     raise SourceError(f"{path}: no valid MAVLink frame in {file.tell()} bytes: not a telemetry recording")

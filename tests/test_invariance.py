@@ -16,7 +16,7 @@ from gcs_bridge.inject import inject, parse_fault
 
 SITL = Path(__file__).parents[1] / "sitl_fixtures"
 ALL = sorted(path.stem for path in SITL.glob("*.tlog"))
-# With an alarm, with two vehicles, a reboot, damage, a stream that stops, boots of different firmwares, no common instant.
+# An alarm, two vehicles, a reboot, damage, a stream that stops, two firmwares, alarms that clear, no common instant.
 TELLING = [
     *("d_plane_pitchtrim3", "e_two_vehicles", "f_reboot", "h_lossy_dirty", "k8_stream_stops", "k5_three_vehicles"),
     *("d_tailsitter", "b2_mixed_rates"),
@@ -100,7 +100,9 @@ def _reordered() -> list[tuple[int, bytes]]:
 
 
 def _two_fall_silent() -> list[tuple[int, bytes]]:
-    flown = [r for sysid, compid in ((1, 1), (2, 0)) for r in wire.flight(wire.Motion(8), 6, sysid=sysid, compid=compid)]
+    flown = [
+        r for sysid, compid in ((1, 1), (2, 0)) for r in wire.flight(wire.Motion(8), 6, sysid=sysid, compid=compid)
+    ]
     beats = [
         (wire.START_US + s * 1_000_000, wire.heartbeat(autopilot=8, vehicle=6, sysid=255, compid=190, seq=s))
         for s in range(12)

@@ -19,7 +19,9 @@ SUFFIXES = (".tlog", ".raw", ".rlog")  # .tlog.raw is a .raw
 
 
 @click.command(short_help="Judge recordings: report and exit code.")
-@click.argument("paths", nargs=-1, required=True, metavar="FILE|FOLDER...", type=click.Path(path_type=Path))
+@click.argument(
+    "paths", nargs=-1, required=True, metavar="FILE|FOLDER...", type=click.Path(path_type=Path, readable=False)
+)
 @click.option("--sysid", type=click.IntRange(1, 255), metavar="N", help="Judge this system alone.")
 @click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
 @click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
@@ -27,7 +29,9 @@ SUFFIXES = (".tlog", ".raw", ".rlog")  # .tlog.raw is a .raw
 @click.option("--output", type=click.Path(path_type=Path), metavar="PATH", help="Write the report to this file.")
 @click.option("--fail-on", type=click.Choice(["warning", "alarm", "never"]), help="What ends with 1.  [alarm]")
 @click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
-@click.option("--config", type=click.Path(path_type=Path), metavar="FILE", help="TOML with settings of your own.")
+@click.option(
+    "--config", type=click.Path(path_type=Path, readable=False), metavar="FILE", help="TOML with settings of your own."
+)
 @click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]")
 @click.option("-q", "--quiet", is_flag=True, help="Only the last line of each file.")
 @click.option("-v", "--verbose", is_flag=True, help="Every number.")
