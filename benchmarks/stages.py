@@ -27,7 +27,6 @@ PIECE = 2**22
 
 # stage → its functions. A function that is not there any more is named in the output and costs nothing else.
 STAGES = {
-    "tell recording from stream": ["gcs_bridge.recording:_is_timed"],
     "scan": ["gcs_bridge.mavlink.scan:Scanner.scan"],
     "decode": ["gcs_bridge.vehicles:decode"],
     "boot clock": ["gcs_bridge.clocks:BootClock.read"],
@@ -124,6 +123,8 @@ def peak_mb() -> float:
 def start_up(head: bytes) -> None:
     """Import what `check` imports and load its kernels, in its order; print each step's time and memory."""
     from gcs_bridge._version import __version__  # so that the package itself is no part of the first step
+
+    sys.modules.setdefault("scipy", None)  # type: ignore[arg-type]  # as the command does: numba is not to load it
 
     def load_kernels() -> None:
         from gcs_bridge.monitor import Monitor

@@ -18,6 +18,9 @@ Mask = npt.NDArray[np.bool_]
 
 WRAP_US = 2**32 * 1000
 REORDER_US = 6_000_000  # seen: 4.7 s in a recording that is otherwise good
+YOUNG_US = 15_000_000  # a boot this young that falls silent and comes back earlier was a restart, not reordered frames
+YOUNG_REORDER_US = 500_000
+RESTART_SILENCE_US = 1_000_000
 JUMP_US = 60_000_000  # a longer step forward needs the receive time, or a second message, to be believed
 
 
@@ -84,7 +87,7 @@ class BootClock:
         released: list[Release] = []
         place, ahead = 0, n
         while place < n:
-            times = self._plain(time_boot_ms[place : place + ahead])
+            times = self._plain(time_boot_ms[place : place + ahead], t_rx_us[place : place + ahead])
             until = place + len(times)
             looked = ahead
             ahead = 4 * ahead if len(times) == ahead else 16  # not far where something odd came lately
@@ -102,13 +105,16 @@ class BootClock:
             place = until
         return BootTimes(boot, t_boot_us, believed, tuple(changes), tuple(released))
 
-    def _plain(self, time_boot_ms: npt.NDArray[np.uint32]) -> Int64s:
+    def _plain(self, time_boot_ms: npt.NDArray[np.uint32], t_rx_us: Int64s) -> Int64s:
         """Times of the messages up to the first that needs a closer look: the common case, at once."""
         if self._doubted_us is not None:
             return np.empty(0, np.int64)
         t = time_boot_ms.astype(np.int64) * 1000 + self._epoch_us
         latest = np.maximum.accumulate(np.concatenate((t[:1] if self.latest_us is None else [self.latest_us], t)))[:-1]
-        odd = np.flatnonzero((t - latest < -REORDER_US) | (t - latest > JUMP_US))
+        step = t - latest
+        silence = np.diff(t_rx_us, prepend=self._rx_us)
+        restart = (step < -YOUNG_REORDER_US) & (latest < YOUNG_US) & (silence >= RESTART_SILENCE_US)
+        odd = np.flatnonzero((step < -REORDER_US) | (step > JUMP_US) | restart)
         return t[: odd[0]] if len(odd) else t
 
     def _read_next(self, ms: int, rx: int) -> tuple[int, _Change | None]:
@@ -121,8 +127,9 @@ class BootClock:
         elif self._epoch_us and -REORDER_US <= t - WRAP_US - latest <= furthest:
             t -= WRAP_US  # from before the wrap, late
         step = t - latest
+        young = latest < YOUNG_US and elapsed >= RESTART_SILENCE_US
         change = None
-        if not -REORDER_US <= step <= furthest:
+        if not -(YOUNG_REORDER_US if young or self.doubts else REORDER_US) <= step <= furthest:
             doubted = self._doubted_us
             if doubted is None or not -REORDER_US <= ms * 1000 - doubted <= JUMP_US:
                 self._doubted_us = ms * 1000

@@ -142,6 +142,7 @@ class VehicleJudge:
         if boot is None or boot.index != segment.boot:
             if boot is not None:
                 yield from self._turns(boot.liveness.pass_silence(link, int(segment.ordinal[0])), link)
+                yield from self._end_alarm(boot, int(segment.ordinal[0]), int(segment.t_rx_us[0]))
             boot = self._start_boot(segment)
         boot.last_us = max(boot.last_us, int(segment.t_boot_us.max()))
 
@@ -173,15 +174,24 @@ class VehicleJudge:
         if boot.record is not None and boot.alarm.state is not State.NORMAL:
             boot.record.show(boot.alarm.worst)
 
+    def _end_alarm(self, boot: _Boot, ordinal: int, t_rx_us: int) -> Iterator[Notice]:
+        """The boot is over, and with it an alarm that was never seen to go: its `cleared_boot_s` stays unknown."""
+        if boot.record is not None and boot.alarm.state in (State.RAISED, State.CLEARING):
+            head = make_event("alarm_cleared", self.key, boot.index, boot.last_us, t_rx_us)
+            yield Notice(ordinal, head | asdict(boot.record) | {"reason": "reboot"})
+
     def _start_boot(self, segment: Segment) -> _Boot:
-        if self._boot is not None:
-            self._boots.append(self._boot.entry())
-            self._both_alive_us += self._boot.liveness.both_alive_us
-        self._boot = _Boot(segment.boot, int(segment.t_boot_us[0]), int(segment.t_rx_us[0]), self._settings)
+        before = self._boot
+        boot = _Boot(segment.boot, int(segment.t_boot_us[0]), int(segment.t_rx_us[0]), self._settings)
+        if before is not None:
+            self._boots.append(before.entry())
+            self._both_alive_us += before.liveness.both_alive_us
+            boot.no_compare_told = before.no_compare_told
+        self._boot = boot
         self._check.start_boot()
         for name in self._streams.keys() & set(STREAMS):  # all others are followed on receive time
             self._streams[name].start_boot()
-        return self._boot
+        return boot
 
     def _count(self, segment: Segment, period_us: Int64s) -> None:
         for index, samples in enumerate((segment.euler, segment.quaternion)):

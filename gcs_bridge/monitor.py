@@ -276,7 +276,7 @@ class _Link:
         for key in present:
             rows = np.flatnonzero(wanted & (component == key))
             vehicle = self._vehicles.get(key) or self._new_vehicle(key)
-            batch = vehicle.reader.read(buffer, frames[rows], ordinals[rows], in_window[rows])
+            batch = vehicle.reader.read(buffer, np.take(frames, rows), ordinals[rows], in_window[rows])
             yield from vehicle.take(batch, ordinals[rows], clock)
         for key in self._vehicles.keys() - set(present):
             vehicle = self._vehicles[key]

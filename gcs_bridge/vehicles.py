@@ -225,7 +225,10 @@ class VehicleReader:
 
     def _read_timed(self, buffer: Bytes, frames: Frames, ordinals: Int64s, in_window: Mask) -> _Timed:
         rows_of = [self._rows(frames, name) for name in TIMED]
-        records = [decode(buffer, frames[rows], self._dialect[name]) for rows, name in zip(rows_of, TIMED, strict=True)]
+        records = [
+            decode(buffer, np.take(frames, rows), self._dialect[name])
+            for rows, name in zip(rows_of, TIMED, strict=True)
+        ]
         rows = np.concatenate(rows_of)
         order = np.argsort(rows)
         rows = rows[order]

@@ -34,13 +34,26 @@ _ensure_cache_folder()
 import numba  # noqa: E402  numba reads NUMBA_CACHE_DIR when it is imported
 
 
+def _compiled(function: Kernel, **options: bool) -> Kernel:
+    """Compile `function` without the GIL and, where this numba can, without counting references to arrays.
+
+    Counting takes more time than all the rest. Without it a kernel can make no array of its own; ours never do.
+    """
+    decorate: Any = numba.njit
+    try:
+        return decorate(nogil=True, _nrt=False, **options)(function)  # type: ignore[no-any-return]  # untyped in numba
+    except KeyError:  # an option of numba's own use: one day it may be gone
+        return decorate(nogil=True, **options)(function)  # type: ignore[no-any-return]
+
+
 def kernel(function: Kernel) -> Kernel:
-    """Compile `function` with numba: no GIL inside, and the machine code kept for the next process."""
-    compiled: Any = numba.njit(cache=True, nogil=True)(function)  # numba's types hide the function's own
-    return compiled  # type: ignore[no-any-return]
+    """Compile what Python calls; the machine code is kept for the next process."""
+    return _compiled(function, cache=True)
 
 
-helper = numba.njit(nogil=True)
+def helper(function: Callable[..., Any]) -> Any:
+    """Compile what kernels call: it becomes part of theirs, and is typed there."""
+    return _compiled(function)
 
 
 def needs_compiling(*kernels: Callable[..., Any]) -> bool:
