@@ -1,0 +1,1 @@
+"""Where frames and events go while a link is listened to: files and the console."""

@@ -1,0 +1,50 @@
+"""A file that grows while the program runs, and is whole to the last write if the program is killed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+
+from gcs_bridge.errors import UsageError
+from gcs_bridge.report.output import refuse_unwritable
+
+__all__ = ["LiveFile"]
+
+
+class LiveFile:
+    """Appends to a file, without a buffer of its own.
+
+    A file that cannot be opened is a UsageError. One that cannot be written to later (the disk is full) is told once to
+    `complain`, and then left alone: what watches a vehicle must not end for want of a record. `failed` tells of it.
+    """
+
+    def __init__(self, path: Path, complain: Callable[[str], None]) -> None:
+        """Open the file; what is in it already stays."""
+        refuse_unwritable(path, sources=[])
+        try:
+            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
+        except OSError as error:
+            raise UsageError(f"cannot write {path}: {error.strerror}") from None
+        self.failed = False
+        self._path = path
+        self._complain = complain
+
+    def __enter__(self) -> LiveFile:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        os.close(self._descriptor)
+
+    def append(self, data: bytes) -> None:
+        """Hand the bytes to the system: from here on they outlive this process."""
+        rest = memoryview(data)
+        while rest and not self.failed:
+            try:
+                rest = rest[os.write(self._descriptor, rest) :]
+            except OSError as error:
+                self.failed = True
+                self._complain(f"cannot write {self._path} any longer: {error.strerror}; going on without it")
