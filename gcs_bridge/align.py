@@ -49,7 +49,7 @@ MATCH = np.dtype(
     [
         ("trigger", "i8"),  # index in the batch of the sample that completed the pair
         ("slower", "i8"),  # EULER or QUATERNION
-        ("same", "i8"),  # 1: same instant, `at` and `after` are that sample of the other stream
+        ("same", "i8"),  # 1: same instant, `before` and `after` are that sample of the other stream
         ("sample", "i8"),  # position of the slower stream's sample, counted since the boot
         ("before", "i8"),  # positions of the faster stream's samples on both sides of it
         ("after", "i8"),

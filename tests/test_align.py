@@ -105,8 +105,11 @@ def test_the_faster_stream_interpolated_is_near_the_truth(
     assert np.abs(pairs.w_nb_b_rad_s[between] - motion.rates(t_s)).max() < 0.5 * speed
 
 
-def test_the_bound_is_the_specifications_formula() -> None:
-    """One pair worked by hand: rates about down, 0 → 1 rad/s over 0.1 s, turned 0.04 rad, in the middle."""
+@pytest.mark.parametrize(
+    ("fast_rad", "slow_rad", "smallest"), [(0.04, 0.01, "kin"), (0.4, 0.03, "slower"), (0.4, 0.4, "ceiling")]
+)
+def test_the_bound_is_the_specifications_formula(fast_rad: float, slow_rad: float, smallest: str) -> None:
+    """One pair worked by hand for each of the three that may limit it: rates about down, 0 → 1 rad/s in 0.1 s, in the middle."""
     down = np.array([0.0, 0.0, 1.0])
 
     def turned(stream: int, ms: int, angle: float, rate: float) -> Sample:
@@ -114,18 +117,19 @@ def test_the_bound_is_the_specifications_formula() -> None:
 
     still = [turned(EULER, t, 0.0, 0.0) for t in range(0, 2001, 100)]
     slower = [turned(QUATERNION, t, 0.0, 0.0) for t in range(50, 1900, 200)]
-    last = [turned(EULER, 2100, 0.04, 1.0), turned(QUATERNION, 2050, 0.01, 0.3)]
+    last = [turned(EULER, 2100, fast_rad, 1.0), turned(QUATERNION, 2050, slow_rad, 0.3)]
     pairs = paired(in_time(still, slower, last))
     assert pairs.t_boot_us[-1] == 2_050_000
     deg = np.degrees
     rate, change, h = deg(1.0), deg(1.0), 0.1
-    kin = abs(deg(0.04) - h * (0 + rate) / 2)
-    # The slower stream's own last step: 1850 → 2050 ms, 0.01 rad, rates 0 and 0.3 rad/s.
-    kin_slower = abs(deg(0.01) - 0.2 * deg(0.3) / 2) + 0.1
-    ceiling = 0.2 + 0.002 * rate + h * (0.5 * change + 0.1 * rate)
-    hermite_rate = 1.5 * deg(0.04) / h - 0.25 * rate  # its slope in the middle, by hand
-    ds = abs(hermite_rate - deg(0.3))
-    bound = 0.02 + 0.001 * rate + 0.5 * 1.0 * (min(kin, kin_slower, ceiling) + h * ds)
+    limits = {
+        "kin": abs(deg(fast_rad) - h * (0 + rate) / 2),
+        "slower": abs(deg(slow_rad) - 0.2 * deg(0.3) / 2) + 0.1,  # its own last step: 1850 → 2050 ms
+        "ceiling": 0.2 + 0.002 * rate + h * (0.5 * change + 0.1 * rate),
+    }
+    assert min(limits, key=limits.__getitem__) == smallest
+    hermite_rate = 1.5 * deg(fast_rad) / h - 0.25 * rate  # its slope in the middle, by hand
+    bound = 0.02 + 0.001 * rate + 0.5 * 1.0 * (limits[smallest] + h * abs(hermite_rate - deg(0.3)))
     assert deg(pairs.bound_rad[-1]) == pytest.approx(bound, rel=1e-9)
 
 

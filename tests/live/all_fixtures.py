@@ -2,17 +2,29 @@
 
     python tests/live/all_fixtures.py [--speed X] [--jobs N] [NAME …]
 
-Too long for every run of the tests: about six minutes. A line a recording; exit code 1 if any of them differs.
+Too long for every run of the tests: about six minutes. A line a run; exit code 1 if any of them differs.
 """
 
 import argparse
 import socket
 import sys
 import tempfile
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from live_links import FIXTURES, Live, fixture, free_port, judgement, paced, recorded_judgement, tcp_sender, wait_until
+from live_links import (
+    FIXTURES,
+    Live,
+    fixture,
+    free_port,
+    judgement,
+    paced,
+    recorded_judgement,
+    tcp_sender,
+    tlog_of,
+    wait_until,
+)
 
 from gcs_bridge.mavlink.scan import RawFrame
 from gcs_bridge.sinks.file import LiveFile
@@ -43,37 +55,32 @@ def over_tcp(frames: list[RawFrame], speed: float, recorder: TlogRecorder) -> Li
     return live
 
 
-def differences(name: str, speed: float) -> list[str]:
-    """Fly one recording on both kinds of link; say what was not as it is in the recording."""
-    frames = fixture(name)
-    expected = recorded_judgement((FIXTURES / f"{name}.tlog").read_bytes())
-    found = []
-    for way in (over_udp, over_tcp):
-        with tempfile.TemporaryDirectory() as folder, LiveFile(Path(folder) / "live.tlog", print) as file:
-            live = way(frames, speed, TlogRecorder(file))
-            judged = judgement(live.monitor.close().files[0])
-            recorded = recorded_judgement((Path(folder) / "live.tlog").read_bytes())
-        if judged != expected:
-            found.append(f"{way.__name__}: judged otherwise")
-        if recorded != expected:
-            found.append(f"{way.__name__}: its recording is judged otherwise")
-    return found
+def differences(flown: list[RawFrame], way: Callable[..., Live], speed: float = 1.0) -> str:
+    """Fly a recording over one kind of link; say what is not as in the recording, "" where nothing is."""
+    expected = recorded_judgement(tlog_of(flown))
+    with tempfile.TemporaryDirectory() as folder, LiveFile(Path(folder) / "live.tlog", print) as file:
+        live = way(flown, speed, TlogRecorder(file))
+        judged = judgement(live.monitor.close().files[0])
+        recorded = recorded_judgement((Path(folder) / "live.tlog").read_bytes())
+    said = {"judged otherwise": judged, "its recording is judged otherwise": recorded}
+    return "; ".join(f"{way.__name__}: {what}" for what, found in said.items() if found != expected)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--speed", type=float, default=1.0)
-    parser.add_argument("--jobs", type=int, default=8, help="recordings at the same time")
+    parser.add_argument("--jobs", type=int, default=8, help="links at the same time")
     options = parser.parse_args()
     names = options.names or sorted(path.stem for path in FIXTURES.glob("*.tlog"))
+    runs = [(name, way) for name in names for way in (over_udp, over_tcp)]
     bad = 0
     with ThreadPoolExecutor(options.jobs) as pool:
-        flown = pool.map(lambda name: differences(name, options.speed), names)
-        for name, found in zip(names, flown, strict=True):
-            sys.stdout.write(f"{name}: {'; '.join(found) or 'as recorded'}\n")
+        found = pool.map(lambda run: differences(fixture(run[0]), run[1], options.speed), runs)
+        for (name, way), said in zip(runs, found, strict=True):
+            sys.stdout.write(f"{name} {way.__name__}: {said or 'as recorded'}\n")
             sys.stdout.flush()
-            bad += bool(found)
+            bad += bool(said)
     return int(bad > 0)
 
 
