@@ -155,16 +155,17 @@ def _ordered_after(state, k, t):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _stands_for(state, slower, t, max_gap_us):  # type: ignore[no-untyped-def]
-    """Time since the slower stream's sample before the one at `t`, three periods at the most; 0 for one that came late.
+def _stands_for(state, slower, position, max_gap_us):  # type: ignore[no-untyped-def]
+    """Time since the slower stream's sample before the one at `position`, three periods at the most.
 
-    The one behind a late sample stands for its time already.
+    0 for one that came late: the one behind it stands for its time already.
     """
     k = QUATERNION if slower == _UNKNOWN else slower
+    t = state.time[k, position & _LAST]
     index = _ordered_after(state, k, t) - 1
     if index - 1 < max(state.of[k, _ORDERED] - _RING, 0):
         return np.int64(0)
-    if state.time[k, state.ordered[k, index & _LAST] & _LAST] != t:
+    if state.ordered[k, index & _LAST] != position:
         return np.int64(0)
     since = t - state.time[k, state.ordered[k, (index - 1) & _LAST] & _LAST]
     period = state.of[k, _PERIOD]
@@ -197,7 +198,7 @@ def _pair_waiting(state, k, trigger, max_gap_us, matches, n):  # type: ignore[no
         match = matches[n]
         match.trigger, match.slower, match.same = trigger, k, 0
         match.sample, match.before, match.after = position, before, after
-        match.stands_for_us = _stands_for(state, k, t, max_gap_us)
+        match.stands_for_us = _stands_for(state, k, position, max_gap_us)
         n += 1
     state.of[k, _WAITING] = left
     return n
@@ -235,7 +236,7 @@ def match_kernel(
             match.slower = QUATERNION if slower == _UNKNOWN else slower
             match.sample = position if k == match.slower else partner
             match.before = match.after = partner if k == match.slower else position
-            match.stands_for_us = _stands_for(state, slower, t, max_gap_us)
+            match.stands_for_us = _stands_for(state, match.slower, match.sample, max_gap_us)
             n += 1
         elif slower != other and state.of[k, _WAITING] < _RING:
             state.waiting[k, state.of[k, _WAITING]] = position
@@ -413,11 +414,14 @@ class Aligner:
         q_of[1 - slower][rows] = q
         pairs.w_nb_b_rad_s[rows] = w
         pairs.after_reset[rows] = fast.denied[after] & ~fast.denied[before]
-        rate = np.maximum(np.maximum(_norm(w0), _norm(w1)), _norm(own))
+        # A slower stream that reports no rates has no say; without the faster one's, nothing bounds the error.
+        rate = np.fmax(np.maximum(_norm(w0), _norm(w1)), _norm(own))
         change = _norm(w1 - w0)
-        kin = np.minimum(fast.kin[after], slow.kin[at] + KIN_MARGIN_RAD)
+        slow_kin = np.nan_to_num(slow.kin[at], nan=np.inf)
+        kin = np.minimum(fast.kin[after], slow_kin + KIN_MARGIN_RAD)
         kin = np.minimum(
             kin, KIN_FLOOR_RAD + KIN_PER_RATE_S * rate + h * (KIN_PER_CHANGE * change + KIN_PER_TURN * rate)
         )
         bow = 4.0 * u * (1.0 - u)
-        pairs.bound_rad[rows] += RATE_BOUND_S * rate + 0.5 * bow * (kin + h * _norm(w - own))
+        bend = np.where(np.isfinite(own).all(axis=1), _norm(w - own), 0.0)
+        pairs.bound_rad[rows] += RATE_BOUND_S * rate + 0.5 * bow * (kin + h * bend)

@@ -99,6 +99,7 @@ class VehicleJudge:
         self._boots: list[dict[str, Any]] = []
         self._boot: _Boot | None = None
         self._both_alive_us = 0
+        self._left_pending = False  # a boot ended before its alarm's on-delay did
         self._check = EulerQuaternion(settings.euler_quaternion)
         self._streams: dict[str, StreamCount] = {}
 
@@ -187,6 +188,7 @@ class VehicleJudge:
             self._boots.append(before.entry())
             self._both_alive_us += before.liveness.both_alive_us
             boot.no_compare_told = before.no_compare_told
+            self._left_pending |= before.alarm.state is State.PENDING
         self._boot = boot
         self._check.start_boot()
         for name in self._streams.keys() & set(STREAMS):  # all others are followed on receive time
@@ -263,6 +265,9 @@ class VehicleJudge:
             verdict, reason = "alarm", f"{alarms}, up to {worst.peak:.3g}°"
         elif check.pairs < self._settings.euler_quaternion.counted_samples:
             verdict, reason = "no_compare", self._why_not_compared(autopilot)
+        elif self._undecided():
+            differs = f"{check.bad} of {check.counted} pairs differ, by up to {math.degrees(check.angle.max):.3g}°"
+            verdict, reason = "no_compare", f"{differs}, but for too short a time or too seldom to raise an alarm"
         else:
             verdict, reason = "agree", "both forms are one rotation, within the limit and the bound of each comparison"
         return {
@@ -274,6 +279,11 @@ class VehicleJudge:
             "lag_ms": None,
             "explained_by": [],
         }
+
+    def _undecided(self) -> bool:
+        """Whether there was disagreement that the alarm's votes and delays never came to decide on."""
+        pending = self._boot is not None and self._boot.alarm.state is State.PENDING
+        return pending or self._left_pending or 2 * self._check.bad > self._check.counted
 
     def _why_not_compared(self, autopilot: str) -> str:
         missing = [name for name in STREAMS if name not in self._streams]

@@ -109,7 +109,7 @@ def test_the_faster_stream_interpolated_is_near_the_truth(
     ("fast_rad", "slow_rad", "smallest"), [(0.04, 0.01, "kin"), (0.4, 0.03, "slower"), (0.4, 0.4, "ceiling")]
 )
 def test_the_bound_is_the_specifications_formula(fast_rad: float, slow_rad: float, smallest: str) -> None:
-    """One pair worked by hand for each of the three that may limit it: rates about down, 0 → 1 rad/s in 0.1 s, in the middle."""
+    """One pair worked by hand for each of its three caps: yaw rate 0 → 1 rad/s in 0.1 s, in the middle of the gap."""
     down = np.array([0.0, 0.0, 1.0])
 
     def turned(stream: int, ms: int, angle: float, rate: float) -> Sample:
@@ -219,7 +219,7 @@ def stepped(stream: list[Sample], at_ms: Sequence[int], yaw_deg: float = 30.0) -
 
 @pytest.mark.parametrize("faster", [EULER, QUATERNION])
 def test_a_lone_step_against_the_rates_is_a_reset_and_its_pairs_are_marked(faster: int) -> None:
-    """The estimator's yaw reset moves both streams between two samples: only what is interpolated across it is marked."""
+    """The estimator's yaw reset moves both streams: only what is interpolated across it is marked."""
     motion = wire.Motion(30, seed=7, speed_rad_s=0.3)
     fast = stepped(samples(motion, faster, every(100, 30)), [15_150])
     slow = stepped(samples(motion, 1 - faster, every(130, 29, 30)), [15_150])
@@ -253,7 +253,7 @@ def without_rates(stream: list[Sample]) -> list[Sample]:
 
 
 def test_a_faster_stream_that_reports_no_rates_bounds_nothing() -> None:
-    """Rates of exactly zero on a turning vehicle are not reported ones: an interpolated pair can't be told good or bad."""
+    """Rates of exactly zero on a turning vehicle are not reported ones: a pair between stamps can't be judged."""
     motion = wire.Motion(30, seed=9, speed_rad_s=1.0)
     fast, slow = samples(motion, EULER, every(40, 30)), samples(motion, QUATERNION, every(100, 29, 7))
     pairs = paired(in_time(without_rates(fast), slow))
@@ -339,7 +339,9 @@ def test_no_sample_goes_unjudged_because_others_came_late() -> None:
 def test_each_sample_of_the_slower_stream_is_judged_once(euler_ms: int, quaternion_ms: int, shift: list[int]) -> None:
     """However late some come: no instant twice, and pairs in the order in which they were completed."""
     motion = wire.Motion(30, seed=11)
-    arrived = in_time(samples(motion, EULER, every(euler_ms, 30)), samples(motion, QUATERNION, every(quaternion_ms, 29, 7)))
+    arrived = in_time(
+        samples(motion, EULER, every(euler_ms, 30)), samples(motion, QUATERNION, every(quaternion_ms, 29, 7))
+    )
     pairs = paired(late(arrived, shift))
     assert len(np.unique(pairs.t_boot_us)) == len(pairs)
     assert (np.diff(pairs.trigger) >= 0).all()
@@ -352,7 +354,9 @@ def test_each_sample_of_the_slower_stream_is_judged_once(euler_ms: int, quaterni
 def test_the_time_judged_adds_up_to_the_time_covered(euler_ms: int, quaternion_ms: int) -> None:
     """Steady streams: from the slower one's first paired sample to its last, once."""
     motion = wire.Motion(30, seed=12)
-    arrived = in_time(samples(motion, EULER, every(euler_ms, 30)), samples(motion, QUATERNION, every(quaternion_ms, 30)))
+    arrived = in_time(
+        samples(motion, EULER, every(euler_ms, 30)), samples(motion, QUATERNION, every(quaternion_ms, 30))
+    )
     pairs = paired(arrived)
     slow_ms = max(euler_ms, quaternion_ms)
     covered = pairs.t_boot_us.max() - pairs.t_boot_us.min()
@@ -414,7 +418,8 @@ def test_two_thousand_samples_in_odd_batches_are_the_same_to_the_bit() -> None:
     """Longer than what is remembered of each stream (1,024 samples), with late ones."""
     motion = wire.Motion(130, seed=16, speed_rad_s=2.0)
     arrived = late(
-        in_time(samples(motion, EULER, every(40, 130)), samples(motion, QUATERNION, every(100, 129, 7))), [0, 0, 5, 0, 40]
+        in_time(samples(motion, EULER, every(40, 130)), samples(motion, QUATERNION, every(100, 129, 7))),
+        [0, 0, 5, 0, 40],
     )
     whole = paired(arrived)
     for size in (1, 7, 1500):

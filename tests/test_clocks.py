@@ -1,4 +1,4 @@
-"""The boot clock, told as stories: what a vehicle's milliseconds do, and what time it then is. All numbers worked by hand."""
+"""The boot clock, told as stories: what the milliseconds do, and what time it then is; numbers worked by hand."""
 
 import time
 from itertools import pairwise
@@ -168,7 +168,7 @@ def test_nothing_read_is_nothing_told() -> None:
 @pytest.mark.parametrize("jump_ms", [60_000, 20_000_000])
 def test_two_clocks_under_one_id_do_not_take_for_ever(jump_ms: int) -> None:
     """Two autopilots with one id on merged links: every message is odd, and 40,000 are still read within seconds."""
-    ms = [t + jump_ms * (i % 2) * 10 for i, t in enumerate(range(0, 40_000))]
+    ms = [t + jump_ms * (i % 2) * 10 for i, t in enumerate(range(40_000))]
     started = time.perf_counter()
     Told(ms)
     assert time.perf_counter() - started < 4
@@ -178,7 +178,8 @@ def test_two_clocks_under_one_id_do_not_take_for_ever(jump_ms: int) -> None:
 _moves = st.lists(
     st.one_of(
         st.integers(0, 200),
-        st.sampled_from([-40, -4700, -6001, 59_000, 61_000, -100_000, 700_000, -(2**31), 2**31, 2**32 - 500, 500 - 2**32]),
+        st.sampled_from([-40, -4700, -6001, 59_000, 61_000, -100_000, 700_000]),
+        st.sampled_from([-(2**31), 2**31, 2**32 - 500, 500 - 2**32]),
     ),
     min_size=1,
     max_size=60,
@@ -192,7 +193,9 @@ _moves = st.lists(
     st.lists(st.sampled_from([0, 40_000, -1_000_000, 700_000_000, 3 * 86_400_000_000]), max_size=60),
     st.lists(st.integers(0, 60), max_size=12),
 )
-def test_the_cut_into_batches_changes_nothing(first: int, moves: list[int], rx_steps: list[int], cuts: list[int]) -> None:
+def test_the_cut_into_batches_changes_nothing(
+    first: int, moves: list[int], rx_steps: list[int], cuts: list[int]
+) -> None:
     """Whole, in any pieces, or one by one: boots, times, beliefs and changes are the same."""
     ms = ((first + np.cumsum([0, *moves])) % 2**32).tolist()
     rx_steps = (rx_steps + [40_000] * len(ms))[: len(ms)]

@@ -116,7 +116,7 @@ def random_message(dice: random.Random, name: str) -> Any:
 
 @pytest.mark.parametrize("first", range(0, len(EVERY), 60))
 def test_every_message_of_the_dialect_has_pymavlinks_layout(first: int) -> None:
-    """Packed by pymavlink with random values, each message shows the same value in the same field, extensions included."""
+    """Packed by pymavlink with random values, each message has the same value in the same field, extensions too."""
     for name in EVERY[first : first + 60]:
         message = random_message(random.Random(name), name)
         (row,) = decoded(wire.pack(message), name)

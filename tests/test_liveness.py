@@ -82,7 +82,10 @@ def test_a_stream_that_resumes_is_alive_again() -> None:
 
 def test_a_stream_that_never_came_is_missing_after_two_seconds() -> None:
     """Told once: a vehicle that sends no quaternion."""
-    assert moments([(EULER, t, t) for t in range(0, 60_000, 100)]) == [("started", EULER, 0), ("missing", QUATERNION, 2000)]
+    assert moments([(EULER, t, t) for t in range(0, 60_000, 100)]) == [
+        ("started", EULER, 0),
+        ("missing", QUATERNION, 2000),
+    ]
 
 
 def test_other_messages_keep_the_vehicles_time() -> None:
@@ -92,7 +95,7 @@ def test_other_messages_keep_the_vehicles_time() -> None:
 
 
 def test_where_all_of_a_vehicle_stops_the_link_tells() -> None:
-    """Nothing more of this vehicle while another one's frames come: stale on receive time, two seconds after the last."""
+    """Nothing more of this vehicle while another one's frames come: stale two seconds after the last, as received."""
     story = both(0, 5000) + [(FOREIGN, 0, t) for t in range(5050, 9000, 100)]
     turns, _ = told(story)
     assert [(turn.what, turn.stream) for turn in turns[2:]] == [("stale", EULER), ("stale", QUATERNION)]

@@ -1,4 +1,4 @@
-"""The frame scan against pymavlink's parser and checksum: the same frames where nothing is damaged, never fewer where it is.
+"""The frame scan against pymavlink's parser and checksum: the same frames without damage, never fewer with it.
 
 Damage is dealt by seeded hands, and what must survive it is counted from what it touched.
 """
@@ -37,7 +37,7 @@ def recording(name: str) -> bytes:
 
 
 def scan(data: bytes, *, timed: bool = True, sizes: Sequence[int] = (), t_rx_us: int = 0) -> tuple[np.ndarray, Salvage]:
-    """All frames of `data`, cut into pieces of `sizes` (the rest in one), with payloads as bytes in a list beside."""
+    """All frames of `data`, cut into pieces of `sizes` (the rest in one), and what it yielded."""
     frames, _, salvage = scan_payloads(data, timed=timed, sizes=sizes, t_rx_us=t_rx_us)
     return frames, salvage
 
@@ -45,6 +45,7 @@ def scan(data: bytes, *, timed: bool = True, sizes: Sequence[int] = (), t_rx_us:
 def scan_payloads(
     data: bytes, *, timed: bool = True, sizes: Sequence[int] = (), t_rx_us: int = 0
 ) -> tuple[np.ndarray, list[bytes], Salvage]:
+    """The same with each frame's payload."""
     scanner = Scanner(load_dialect(), timed=timed)
     parts, payloads = [], []
     at = 0
@@ -53,7 +54,9 @@ def scan_payloads(
         at += size
         frames = scanner.scan(piece, t_rx_us=t_rx_us, final=at >= len(data))
         whole = scanner.buffer.tobytes()
-        payloads += [whole[p : p + n] for p, n in zip(frames["payload"].tolist(), frames["length"].tolist(), strict=True)]
+        payloads += [
+            whole[p : p + n] for p, n in zip(frames["payload"].tolist(), frames["length"].tolist(), strict=True)
+        ]
         parts.append(frames.copy())
         if at >= len(data):
             break
@@ -219,7 +222,7 @@ def spoiled(dice: random.Random, damage: str) -> tuple[bytes, set[int]]:
     ("damage", "lost"), [("random", 0), ("markers", 0), ("crc", 200), ("length", 50), ("lost", 50), ("unknown", 0)]
 )
 def test_damage_costs_the_frames_that_it_touched_and_no_other(damage: str, lost: int, seed: int) -> None:
-    """Noise between records, runs of 0xFD, bad checksums, bad lengths, lost bytes, unknown ids: the best possible yield."""
+    """Noise, runs of 0xFD, bad checksums, bad lengths, lost bytes, unknown ids: the best possible yield."""
     data, touched = spoiled(random.Random(f"{damage} {seed}"), damage)
     frames, payloads, salvage = scan_payloads(data)
     columns = (frames[name].tolist() for name in ("msgid", "sysid", "compid", "seq"))
@@ -287,14 +290,16 @@ def test_pieces_of_any_size_give_the_same(name: str, size: int, timed: bool) -> 
 def test_one_byte_at_a_time_gives_the_same(name: str, timed: bool) -> None:
     """A serial line that delivers byte by byte loses nothing and invents nothing."""
     data = recording(name)[:12_000]
-    assert_pieces_change_nothing(data if timed or name == DAMAGED else stream_of(recording(name))[:12_000], 1, timed=timed)
+    assert_pieces_change_nothing(
+        data if timed or name == DAMAGED else stream_of(recording(name))[:12_000], 1, timed=timed
+    )
 
 
 @pytest.mark.parametrize("timed", [True, False], ids=["recording", "stream"])
 @pytest.mark.parametrize("damage", ["random", "markers", "crc", "length", "lost", "unknown"])
 def test_pieces_of_a_damaged_recording_give_the_same(damage: str, timed: bool) -> None:
     """The cut never decides what a gap swallows."""
-    data = b"".join([spoiled(random.Random(damage), damage)[0]])[:60_000]
+    data = spoiled(random.Random(damage), damage)[0][:60_000]
     assert_pieces_change_nothing(data, 61, timed=timed)
 
 
@@ -469,7 +474,9 @@ def test_a_frame_that_passes_with_its_zeros_put_back_is_repaired_and_counted() -
     full = untruncated(message, 246, seq=1)
     assert full[1] == 48
     cut = cut_zeros(full, 48 - 24)  # behind rollspeed 0.5, whose last byte is 0x3F
-    data = wire.tlog([(wire.START_US, wire.heartbeat()), (wire.START_US + 1, cut), (wire.START_US + 2, wire.heartbeat(seq=2))])
+    data = wire.tlog(
+        [(wire.START_US, wire.heartbeat()), (wire.START_US + 1, cut), (wire.START_US + 2, wire.heartbeat(seq=2))]
+    )
     frames, payloads, salvage = scan_payloads(data)
     assert frames["msgid"].tolist() == [0, 31, 0]
     assert payloads[1] == full[10:34]
@@ -619,7 +626,7 @@ _bits = st.one_of(
 def test_any_bytes_are_read_without_error_and_no_false_frame_is_given(
     parts: list[bytes], timed: bool, sizes: list[int]
 ) -> None:
-    """Whatever comes on a link: never an exception, never a frame that pymavlink's checksum denies, the same in any pieces."""
+    """Whatever comes on a link: no exception, no frame that pymavlink's checksum denies, the same in any pieces."""
     data = b"".join(parts)
     frames, payloads, salvage = scan_payloads(data, timed=timed)
     assert all(crc_holds_at(data, offset) for offset in frames["offset"].tolist())
@@ -655,7 +662,7 @@ _cut = st.tuples(st.integers(0, 5000), st.integers(0, 40), st.binary(max_size=40
 @SLOW
 @given(st.lists(_cut, max_size=4))
 def test_damage_anywhere_loses_no_frame_that_it_did_not_touch(cuts: list[tuple[int, int, bytes]]) -> None:
-    """Bytes removed, replaced or put in: each record left whole is found, but for what a damaged frame of unknown id swallowed."""
+    """Bytes removed, replaced or put in: each record left whole is found, unless a damaged unknown id hides it."""
     data, whole = damaged(cuts)
     _, salvage = scan(data)
     missed = Counter(whole) - Counter(found(data))

@@ -65,7 +65,8 @@ def test_a_summary_in_another_unit_is_scaled() -> None:
 
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(
-    st.lists(st.floats(0, 1e4, allow_nan=False) | st.just(math.nan), max_size=50), st.lists(st.integers(0, 50), max_size=8)
+    st.lists(st.floats(0, 1e4, allow_nan=False) | st.just(math.nan), max_size=50),
+    st.lists(st.integers(0, 50), max_size=8),
 )
 def test_the_cut_changes_no_bit(numbers: list[float], cuts: list[int]) -> None:
     """The same numbers in any pieces give the same summary, bit for bit, and quantiles in order, up to the maximum."""

@@ -1,4 +1,4 @@
-"""Bytes as vehicles send and recorders write them: packed by pymavlink, turned by SciPy, never by the package under test."""
+"""Bytes as vehicles send and recorders write them: packed by pymavlink, turned by SciPy, never by our own package."""
 
 import struct
 from collections.abc import Iterable, Sequence
@@ -74,7 +74,7 @@ def wxyz(rotation: Rotation) -> Array:
 
 
 class Motion:
-    """A vehicle that turns smoothly and at random: attitude (FRD to NED) and body rates at any time from 0 to `seconds`.
+    """A vehicle that turns smoothly at random: attitude (FRD to NED) and body rates at any time up to `seconds`.
 
     Its body rates are continuous and so is their change; `speed_rad_s` is the typical rate.
     """

@@ -66,6 +66,8 @@ class EulerQuaternion:
         self.pairs = 0
         self.same_instant = 0
         self.judged_us = 0
+        self.counted = 0  # of the pairs, those that had a vote
+        self.bad = 0  # and of these, those above their limit
         self.angle, self.tilt, self.heading = Quantiles(), Quantiles(), Quantiles()
         self._settings = settings
         self._last_bracket = -1
@@ -91,6 +93,8 @@ class EulerQuaternion:
         rows = np.flatnonzero(found.counted)
         angle, limit = found.angle[rows], found.limit[rows]
         detail = np.column_stack((found.tilt[rows], found.heading[rows], found.rotvec_body[rows]))
+        self.counted += len(rows)
+        self.bad += int((angle > limit).sum())
         bad, low = angle > limit, angle <= self._settings.clear_below * limit
         return found, Rated(pairs.t_boot_us[rows], angle, bad, low, detail), rows
 

@@ -335,10 +335,12 @@ def scan_kernel(
             follows = _follows(buf, end, n, final, timed, time, last_time, row_of_id)
             if follows < 0:
                 break
+            # Within a stream's unknown frame another may rightly lie, as its payload.
+            looks_inside = follows == 1 and (timed or what == _BAD_CRC)
+            if looks_inside and _hides_a_frame(buf, start, end, timed, last_time, row_of_id, crc_extra):
+                counts[_GAP_START] = base + at
+                continue
             if follows == 1 and what == _BAD_CRC and field_end[row_of_id[msgid], buf[start + 1]] != BEYOND:
-                if _hides_a_frame(buf, start, end, timed, last_time, row_of_id, crc_extra):
-                    counts[_GAP_START] = base + at
-                    continue
                 repaired = _zero_padded(
                     buf, start, header, msgid, row_of_id, crc_extra, field_end, counts[_REPAIRED] >= _HABIT
                 )
