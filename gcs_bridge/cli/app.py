@@ -15,6 +15,9 @@ import click
 
 from gcs_bridge._version import __version__
 from gcs_bridge.cli.check import check
+from gcs_bridge.cli.demo import demo
+from gcs_bridge.cli.listen import listen
+from gcs_bridge.cli.replay import replay
 from gcs_bridge.cli.terminal import complain
 from gcs_bridge.errors import GcsBridgeError
 
@@ -38,6 +41,9 @@ def command() -> None:
 
 
 command.add_command(check)
+command.add_command(demo)
+command.add_command(listen)
+command.add_command(replay)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -1,0 +1,103 @@
+"""A viewer that looks at this process: a window or a browser's page, which may come, go, or never come.
+
+This process holds the server, bound to this machine alone, and never waits for who reads from it: a viewer that is
+killed, restarted or late gets the history anew, as far as the server's memory limit keeps it. (The other way round,
+sending to a viewer, blocks for ever once it has gone.)
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import Literal
+from urllib.parse import quote
+
+import rerun as rr
+
+from gcs_bridge.viewer import processes
+from gcs_bridge.viewer.open import Say, Viewer, ViewerSink
+from gcs_bridge.viewer.sink import RerunSink, new_recording
+
+__all__ = ["ServedViewer"]
+
+_HOST = "127.0.0.1"
+_DATA_PORT, _WEB_PORT = 9877, 9090  # the first to be tried; 9876 is left to rerun's own viewer
+_HISTORY = {True: "256MiB", False: "2GiB"}  # of a live link: some minutes at least; of recordings: all of it
+_FLUSH_S = 5.0
+_LAST_LOOK_S = 0.2  # for a viewer to fetch what came last, before the server goes
+
+
+class ServedViewer(Viewer):
+    """Serves recordings to a native viewer, started here, or to the web viewer's page, served here."""
+
+    stays = True
+
+    def __init__(
+        self,
+        kind: Literal["native", "web"],
+        *,
+        say: Say,
+        why: str = "",
+        live: bool,
+        server_memory_limit: str | None = None,
+    ) -> None:
+        """Find free ports. The server starts with the first recording, and with it the window or the page's server.
+
+        `why` goes before the page's address.
+        """
+        self.kind = kind
+        self._say = say
+        self._why = why
+        self._live = live
+        self._memory_limit = server_memory_limit or _HISTORY[live]
+        self._port = processes.free_port(_DATA_PORT)
+        self._web_port = processes.free_port(_WEB_PORT) if kind == "web" else None
+        self._recordings: list[rr.RecordingStream] = []
+        self._page: processes.Page | None = None
+        self._window: processes.Window | None = None
+
+    @property
+    def url(self) -> str:
+        """Where viewers get the data."""
+        return f"rerun+http://{_HOST}:{self._port}/proxy"
+
+    @property
+    def page_url(self) -> str:
+        """The web viewer's page."""
+        return f"http://{_HOST}:{self._web_port}/?url={quote(self.url, safe='')}&hide_welcome_screen"
+
+    def recording(self, name: str) -> ViewerSink:
+        """Where one link session, or one file, is drawn."""
+        recording = new_recording(name, live=self._live)
+        first = not self._recordings
+        self._recordings.append(recording)
+        if not first:
+            recording.set_sinks(rr.GrpcSink(self.url))  # a sender to our own server, which is always there
+            return RerunSink(recording, live=self._live, window=self._window)
+        recording.set_sinks(rr.GrpcServerSink(_HOST, self._port, server_memory_limit=self._memory_limit))
+        if self.kind == "native":
+            self._window = processes.Window(self.url, self._say)
+            self._say("viewer: a window opens")
+        else:
+            self._page = processes.Page(self._web_port, self.url, self._say)
+            self._say(f"viewer: {self._why}open {self.page_url}{self._from_afar()}")
+        return RerunSink(recording, live=self._live, window=self._window)
+
+    def close(self) -> None:
+        """Hand over what is under way and end the server; a window stays, with what it has got."""
+        recordings, self._recordings = self._recordings, []
+        for recording in reversed(recordings):  # the first one's is the server
+            recording.flush(timeout_sec=_FLUSH_S)
+        if recordings:
+            time.sleep(_LAST_LOOK_S)
+        for recording in reversed(recordings):
+            recording.disconnect()
+        if self._page is not None:
+            self._page.close()
+            self._page = None
+
+    def _from_afar(self) -> str:
+        if not os.environ.get("SSH_CONNECTION"):
+            return ""
+        tunnels = " ".join(f"-L {port}:{_HOST}:{port}" for port in (self._web_port, self._port))
+        return f" (from your own machine: ssh {tunnels} …)"

@@ -1,0 +1,299 @@
+"""Fills the scene from what a Monitor tells: samples and disagreements by its observer, and events.
+
+Times are kept as they came: each boot of a vehicle is a clock of its own, and so a timeline of its own (`boot`,
+`boot_1`, …); the receive time is `utc`, where it is known. Attitudes are drawn as sent, never normalised.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+
+from gcs_bridge import attitude
+from gcs_bridge.events import Event
+from gcs_bridge.judge import Observation
+from gcs_bridge.samples import AttitudeSamples
+from gcs_bridge.sinks.events import event_line
+from gcs_bridge.viewer import scene
+from gcs_bridge.viewer.open import ViewerSink
+from gcs_bridge.viewer.processes import Window
+from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, Key, boot_timeline, path_of
+
+__all__ = ["RerunSink", "new_recording"]
+
+Floats = npt.NDArray[np.float64]
+Int64s = npt.NDArray[np.int64]
+
+_TICK_S = 0.02  # so long rerun gathers a live link's events; samples come in batches already, and go at once
+
+_LEVELS = {
+    "alarm_raised": "CRITICAL",
+    "inop": "ERROR",
+    "vehicle_lost": "ERROR",
+    "link_down": "ERROR",
+    **dict.fromkeys(
+        ("alarm_pending", "no_compare", "stream_stale", "reboot", "clock_step", "estimator_reset", "damage"), "WARN"
+    ),
+}
+
+
+def new_recording(name: str, *, live: bool) -> rr.RecordingStream:
+    """A recording of its own. Each has its own layout too, which rerun keeps by application: so `name` is in that."""
+    config = rr.ChunkBatcherConfig(flush_tick=_TICK_S) if live else None
+    application = re.sub(r"[^A-Za-z0-9]+", "-", f"gcs-bridge {name}").strip("-")  # no other sign is allowed
+    recording = rr.RecordingStream(application, batcher_config=config)
+    recording.send_recording_name(name)
+    recording.set_log_time_enabled(False)  # when it was drawn is of no interest
+    recording.set_log_tick_enabled(False)
+    return recording
+
+
+class _Moment(NamedTuple):
+    """An instant on the clock of a boot and as received: µs, None and −1 where unknown."""
+
+    boot: int
+    t_boot_us: int | None
+    t_rx_us: int
+
+
+@dataclass(frozen=True)
+class _Times:
+    """When n rows were true, in one boot: (n,) each, µs, −1 where the receive time is unknown."""
+
+    boot: int
+    t_boot_us: Int64s
+    t_rx_us: Int64s
+
+    def __len__(self) -> int:
+        return len(self.t_boot_us)
+
+    def moment(self, row: int) -> _Moment:
+        return _Moment(self.boot, int(self.t_boot_us[row]), int(self.t_rx_us[row]))
+
+    def columns(self, rows: Int64s) -> list[rr.TimeColumn]:
+        """The times of rows whose receive times are all known, or all unknown."""
+        columns = [rr.TimeColumn(boot_timeline(self.boot), duration=self.t_boot_us[rows].astype("m8[us]"))]
+        if self.t_rx_us[rows[0]] > 0:
+            columns.append(rr.TimeColumn(UTC, timestamp=self.t_rx_us[rows].astype("M8[us]")))
+        return columns
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """What is drawn at n times, by path: attitudes (n, 4) as [x, y, z, w], and numbers (n,) or (n, series)."""
+
+    times: _Times
+    attitudes: Mapping[str, Floats]
+    numbers: Mapping[str, Floats]
+
+    @classmethod
+    def joined(cls, parts: list[_Rows]) -> _Rows:
+        """Rows of the same boot and paths, one behind the other."""
+        first = parts[0]
+        if len(parts) == 1:
+            return first
+        times = _Times(
+            first.times.boot,
+            np.concatenate([part.times.t_boot_us for part in parts]),
+            np.concatenate([part.times.t_rx_us for part in parts]),
+        )
+        attitudes = {path: np.concatenate([part.attitudes[path] for part in parts]) for path in first.attitudes}
+        numbers = {path: np.concatenate([part.numbers[path] for part in parts]) for path in first.numbers}
+        return cls(times, attitudes, numbers)
+
+
+class _Vehicle:
+    """What is remembered of a vehicle."""
+
+    def __init__(self) -> None:
+        self.compared: set[int] = set()  # boots in which something could be compared
+        self.raised = False
+
+
+class RerunSink(ViewerSink):
+    """Draws one link session, or one file, into a rerun recording."""
+
+    def __init__(
+        self, recording: rr.RecordingStream, *, live: bool, gather: int = 1, window: Window | None = None
+    ) -> None:
+        """Draw the empty world. `live`: the newest is followed; else the whole is laid out, by `finish`.
+
+        `gather`: rows to be drawn at a time, where nobody waits for the newest. `window`: its cursor is moved.
+        """
+        self._rec = recording
+        self._live = live
+        self._gather = gather
+        self._waiting: dict[tuple[int | str, ...], list[_Rows]] = {}
+        self._window = window
+        self._vehicles: dict[Key, _Vehicle] = {}
+        self._first: _Moment | None = None
+        self._latest_rx_us = -1
+        self._boots: set[int] = set()
+        self._alarm: _Moment | None = None
+        self._draw(scene.world_parts())
+
+    def observe(self, observation: Observation) -> None:
+        """Draw samples and their comparison."""
+        segment, key = observation.segment, observation.vehicle
+        if not len(segment.euler) and not len(segment.quaternion):
+            return
+        vehicle = self._vehicle(key)
+        for source, samples in (("euler", segment.euler), ("quaternion", segment.quaternion)):
+            self._draw_attitude(key, source, samples[samples.valid])
+        if len(observation.pairs):
+            self._draw_disagreement(key, vehicle, observation)
+
+    def event(self, event: Event) -> None:
+        """Write an event into the log, and what it means for the comparison into its lane."""
+        name = event["event"]
+        moment = _moment(event)
+        if moment.t_boot_us is None and moment.t_rx_us < 0:
+            moment = moment._replace(t_rx_us=self._latest_rx_us)
+        self._set_time(moment)
+        level = "WARN" if name == "alarm_raised" and event["severity"] == "warning" else _LEVELS.get(name, "INFO")
+        text = rr.TextLog(event_line(event), level=level)
+        if not event["vehicle"]:
+            self._rec.log("link/events", text)
+            return
+        key = (event["vehicle"][0], event["vehicle"][1])
+        vehicle = self._vehicle(key)
+        self._rec.log(path_of(key, "events"), text)
+        if name == "alarm_raised":
+            vehicle.raised = True
+            self._alarm = self._alarm or moment
+            self._state(key, "alarm")
+        elif name in ("alarm_cleared", "reboot"):
+            vehicle.raised = False
+            self._state(key, "compared" if name == "alarm_cleared" else "not compared")
+        elif name in ("no_compare", "compare_resumed") and not vehicle.raised:
+            self._state(key, "compared" if name == "compare_resumed" else "not compared")
+
+    def finish(self, at: Literal["alarm"] | int | None = None) -> bool:
+        """Lay the whole out, around the first alarm or a receive time if `at` asks for it."""
+        self.flush()
+        moment = self._alarm if at == "alarm" else None if at is None else self._at(at)
+        if moment is None:
+            self._lay_out()
+            return at is None
+        timeline, time_us = self._timeline(), moment.t_rx_us
+        if timeline != UTC:
+            assert moment.t_boot_us is not None
+            time_us = moment.t_boot_us
+        self._lay_out(time_us)
+        if self._window is not None:
+            self._rec.flush(timeout_sec=5.0)
+            self._window.show(str(self._rec.get_recording_id()), timeline, time_us)
+        return True
+
+    def flush(self) -> None:
+        """Draw what waits for more."""
+        for waiting in self._waiting.values():
+            if waiting:
+                self._send(_Rows.joined(waiting))
+                waiting.clear()
+
+    def _vehicle(self, key: Key) -> _Vehicle:
+        vehicle = self._vehicles.get(key)
+        if vehicle is None:
+            self._draw(scene.vehicle_parts(key, len(self._vehicles)))
+            vehicle = self._vehicles[key] = _Vehicle()
+            if self._live:
+                self._lay_out()
+        return vehicle
+
+    def _draw_attitude(self, key: Key, source: str, samples: AttitudeSamples) -> None:
+        if not len(samples):
+            return
+        times = _Times(int(samples.boot[0]), samples.t_boot_us, samples.t_rx_us)
+        if self._first is None:
+            self._first = times.moment(0)
+        self._boots.add(times.boot)
+        self._latest_rx_us = max(self._latest_rx_us, int(times.t_rx_us.max()))
+        rpy_rad = attitude.rpy_from_quaternion(samples.q_nb) if samples.rpy_rad is None else samples.rpy_rad
+        angles = dict(zip(ANGLES, np.degrees(rpy_rad).T, strict=True))
+        xyzw = attitude.xyzw_from_wxyz(samples.q_nb)
+        numbers = {path_of(key, name, source): degrees for name, degrees in angles.items()}
+        self._draw_rows(_Rows(times, {path_of(key, "body", source): xyzw}, numbers))
+
+    def _draw_disagreement(self, key: Key, vehicle: _Vehicle, observation: Observation) -> None:
+        segment, pairs, found = observation.segment, observation.pairs, observation.disagreement
+        # A pair is known when the sample comes that completes it: `trigger` counts the valid attitudes of the segment.
+        valid = np.zeros(len(segment.message), np.bool_)
+        for message, samples in enumerate((segment.euler, segment.quaternion)):
+            valid[segment.message == message] = samples.valid
+        times = _Times(segment.boot, pairs.t_boot_us, segment.t_rx_us[valid][pairs.trigger])
+        judged = np.flatnonzero(found.judged)
+        if len(judged) and segment.boot not in vehicle.compared:
+            vehicle.compared.add(segment.boot)
+            self._set_time(times.moment(int(judged[0])))
+            self._state(key, "compared")
+        # What could not be judged is left open, not drawn as a value.
+        values = {name: np.where(found.judged, getattr(found, name), np.nan) for name in ("angle", "tilt", "heading")}
+        values["limit"] = found.limit
+        degrees = np.degrees([values[name] for name in DISAGREEMENT]).T
+        self._draw_rows(_Rows(times, {}, {path_of(key, "disagreement"): degrees}))
+
+    def _draw_rows(self, rows: _Rows) -> None:
+        """Draw rows now, or with those that follow."""
+        waiting = self._waiting.setdefault((rows.times.boot, *rows.attitudes, *rows.numbers), [])
+        waiting.append(rows)
+        if sum(len(one.times) for one in waiting) >= self._gather:
+            self._send(_Rows.joined(waiting))
+            waiting.clear()
+
+    def _send(self, rows: _Rows) -> None:
+        known = rows.times.t_rx_us > 0
+        for picked in (np.flatnonzero(known), np.flatnonzero(~known)):
+            if not len(picked):
+                continue
+            columns = rows.times.columns(picked)
+            for path, xyzw in rows.attitudes.items():
+                self._rec.send_columns(path, columns, rr.Transform3D.columns(quaternion=xyzw[picked]))
+            for path, numbers in rows.numbers.items():
+                self._rec.send_columns(path, columns, rr.Scalars.columns(scalars=numbers[picked]))
+
+    def _set_time(self, moment: _Moment) -> None:
+        """The time of what is logged next."""
+        self._rec.reset_time()
+        if moment.t_boot_us is not None:
+            self._rec.set_time(boot_timeline(moment.boot), duration=np.timedelta64(moment.t_boot_us, "us"))
+        if moment.t_rx_us > 0:
+            self._rec.set_time(UTC, timestamp=np.datetime64(moment.t_rx_us, "us"))
+
+    def _state(self, key: Key, state: scene.State) -> None:
+        self._rec.log(path_of(key, "comparison"), rr.StateChange(state=state))
+        self._rec.log(path_of(key, "body", "name"), scene.name_tag(key, state))
+
+    def _draw(self, parts: Iterable[scene.Part]) -> None:
+        for path, archetype in parts:
+            self._rec.log(path, archetype, static=True)
+
+    def _timeline(self) -> str:
+        """The clock to show things by: a boot's where there is but one, else the common one, if it is known."""
+        alone = len(self._vehicles) <= 1 and len(self._boots) <= 1
+        if self._latest_rx_us > 0 and (self._live or not alone):
+            return UTC
+        return UTC if self._live and self._first is None else boot_timeline(min(self._boots, default=0))
+
+    def _lay_out(self, around_us: int | None = None) -> None:
+        layout = scene.layout(list(self._vehicles), self._timeline(), live=self._live, around_us=around_us)
+        self._rec.send_blueprint(layout)
+
+    def _at(self, t_rx_us: int) -> _Moment | None:
+        """A receive time as a moment of the first vehicle's first boot; None where it is past the end, or unknown."""
+        first = self._first
+        if first is None or first.t_rx_us <= 0 or first.t_boot_us is None or t_rx_us > self._latest_rx_us:
+            return None
+        return _Moment(first.boot, max(first.t_boot_us + t_rx_us - first.t_rx_us, 0), t_rx_us)
+
+
+def _moment(event: Event) -> _Moment:
+    boot_s, utc = event["boot_s"], event["utc"]
+    received = -1 if utc is None else int(np.datetime64(utc.removesuffix("Z"), "us").astype(np.int64))
+    return _Moment(event["boot"], None if boot_s is None else round(boot_s * 1e6), received)
