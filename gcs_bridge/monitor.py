@@ -92,10 +92,13 @@ class Monitor:
         quiet = self._links.values() if link is None else filter(None, [self._links.get(link)])
         return [event for one in quiet for event in one.advance(t_rx_us)]
 
+    def finish(self) -> list[Event]:
+        """Nothing follows: decide what is still undecided, and tell what comes of it."""
+        return [event for link in self._links.values() for event in link.finish()]
+
     def close(self) -> Report:
-        """Nothing follows: decide what is still undecided and report, one entry a link."""
-        for link in self._links.values():
-            link.finish()
+        """Nothing follows: report, one entry a link. Who wants the last events calls `finish` before."""
+        self.finish()
         return Report(tuple(link.entry(str(name)) for name, link in self._links.items()))
 
     @property
@@ -239,9 +242,8 @@ class _Link:
         clock = LinkClock(np.array([self.frames]), np.array([t_rx_us]))
         return _events(notice for vehicle in self._vehicles.values() for notice in vehicle.advance(clock))
 
-    def finish(self) -> None:
-        if not self._datagrams:
-            self.feed(b"", self._latest_rx_us, final=True)
+    def finish(self) -> list[Event]:
+        return [] if self._datagrams else self.feed(b"", self._latest_rx_us, final=True)
 
     def entry(self, name: str) -> dict[str, Any]:
         vehicles = [

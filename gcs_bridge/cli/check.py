@@ -61,7 +61,7 @@ def check(
     from gcs_bridge.report.output import refuse_unwritable, write_file, write_stdout
     from gcs_bridge.settings import load_settings
 
-    _refuse_times(from_s, to_s)
+    refuse_times(from_s, to_s)
     settings = load_settings(profile, config, {"check": {"fail_on": fail_on}} if fail_on else None)
     recordings, failures = find_recordings(paths)
     if output is not None:
@@ -122,7 +122,8 @@ def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeEr
     return list(found), failures
 
 
-def _refuse_times(from_s: float | None, to_s: float | None) -> None:
+def refuse_times(from_s: float | None, to_s: float | None) -> None:
+    """Raise UsageError for times that are none, or in the wrong order."""
     for option, value in (("--from", from_s), ("--to", to_s)):
         if value is not None and not (math.isfinite(value) and value >= 0):
             raise UsageError(f"{option} {value:g}: must be seconds after the recording's start, 0 or more")

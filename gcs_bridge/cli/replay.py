@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from gcs_bridge.cli.check import _refuse_times as refuse_times
+from gcs_bridge.cli.check import refuse_times
 from gcs_bridge.cli.live_run import refuse_not_positive
 from gcs_bridge.cli.terminal import ProgressBar, complain
 from gcs_bridge.errors import SourceError, UsageError
@@ -122,6 +122,8 @@ def _show(
                     progress(done, source.size)
                     if pace:
                         pace.keep()
+            for event in monitor.finish():
+                sink.event(event)
             entry = closing_entry(monitor, path)
     except SourceError as failure:
         complain(str(failure))
