@@ -148,8 +148,8 @@ def test_an_alarm_is_a_sentence() -> None:
     said = row(text(vehicle("alarm", alarms=[{**ALARM, "diagnosis": DIAGNOSIS}]), verdict="alarm"), "ALARM")
     assert said.split(maxsplit=1)[1] == (
         "euler_quaternion from 12.4 s to 15.0 s of boot 0 (raised 2026-05-01T12:00:12.400Z): differs by up to 90.00°, "
-        "tilt 0.00°, heading 90.00°. Cause: yaw_offset 90° in message 31 (certain). Not yet told apart from mount_offset. "
-        "Turn by 5° of tilt to tell."
+        "tilt 0.00°, heading 90.00°. Cause: yaw_offset 90° in message 31 (certain). "
+        "Not yet told apart from mount_offset. Turn by 5° of tilt to tell."
     )
 
 
