@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -82,8 +83,8 @@ def read(path: str | Path, *, dialect: str = "all") -> Recording:
     """
     path = Path(path)
     tables = open_dialect(dialect)
-    _announce()
     with _opened(path) as file:
+        _announce()
         scanner = Scanner(tables, timed=_start_us(file, tables, path) is not None)
         gathered: dict[int, _Gathered] = {}
         n_frames = 0
@@ -170,8 +171,8 @@ class Source:
 @contextmanager
 def open_recording(path: Path, dialect: str = "all") -> Iterator[Source]:
     """The recording, open; SourceError where it cannot be used, also later while it is read."""
-    _announce()
     with _opened(path) as file:
+        _announce()
         yield Source(file, path, _start_us(file, open_dialect(dialect), path))
 
 
@@ -219,14 +220,24 @@ def _announce() -> None:
         sys.stderr.flush()
 
 
+_ADVICE = {
+    FileNotFoundError: ": look at the path, or name the folder that it is in",
+    PermissionError: ": ask its owner, or copy it to where you may read it",
+    IsADirectoryError: ": name a file in it",
+}
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[BinaryIO]:
     """The file, open for reading; SourceError in one line for whatever keeps it from being read."""
     try:
+        if not path.is_dir() and not stat.S_ISREG(path.stat().st_mode):
+            raise SourceError(f"{path}: a pipe or device, not a file: save what comes from it to a file first")
         with path.open("rb") as file:
             yield file
     except OSError as error:
-        raise SourceError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}") from None
+        what = (error.strerror or str(error)).lower()
+        raise SourceError(f"{path}: cannot be read: {what}{_ADVICE.get(type(error), '')}") from None
 
 
 def _pieces(file: BinaryIO) -> Iterator[tuple[bytes, bool]]:
@@ -257,5 +268,8 @@ def _start_us(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
             known_us = timed["t_rx_us"][timed["t_rx_us"] > 0]  # a damaged time reads as 0
             return int(next(iter(known_us), 0)) if len(timed) * 2 > len(stream) else None
     if not file.tell():
-        raise SourceError(f"{path}: the file is empty")
-    raise SourceError(f"{path}: no valid MAVLink frame in {file.tell()} bytes: not a telemetry recording")
+        raise SourceError(f"{path}: the file is empty: copy or record it again")
+    raise SourceError(
+        f"{path}: no valid MAVLink frame in {file.tell()} bytes: not a telemetry recording; "
+        "a ground station's .tlog, .raw or .rlog is one"
+    )

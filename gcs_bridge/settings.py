@@ -140,7 +140,7 @@ def _read(path: Path) -> dict[str, Any]:
         # Windows editors put a byte order mark first, which TOML does not know.
         text = path.read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from None
+        raise SettingsError(f"{path}: cannot be read: {error.strerror}: name a TOML file that is there") from None
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise SettingsError(f"{path}, line {line}: not UTF-8, so not TOML") from None

@@ -6,6 +6,7 @@ Knows nothing of bytes on a wire. The tables are pymavlink's own, so both always
 from __future__ import annotations
 
 import importlib
+import pkgutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -122,4 +123,10 @@ def load_dialect(name: str = "all") -> Dialect:
         module = importlib.import_module(f"pymavlink.dialects.v20.{name}")
         return Dialect(name, module.mavlink_map, module.enums)
     except (ModuleNotFoundError, AttributeError) as error:
-        raise ValueError(f"unknown dialect {name!r}: the installed pymavlink has none of that name") from error
+        raise ValueError(f"unknown dialect {name!r}: the installed pymavlink has {', '.join(_names())}") from error
+
+
+def _names() -> list[str]:
+    """The dialects of the installed pymavlink."""
+    package = importlib.import_module("pymavlink.dialects.v20")
+    return sorted(module.name for module in pkgutil.iter_modules(package.__path__))

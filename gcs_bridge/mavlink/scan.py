@@ -158,12 +158,12 @@ def _look(buf, at, n, row_of_id, crc_extra):  # type: ignore[no-untyped-def]
     row = -1
     if msgid < row_of_id.size:
         row = row_of_id[msgid]
-    if row < 0 or flags & ~_SIGNED:
+    if row < 0:
         return _UNKNOWN, header, whole, msgid
     end = at + header + np.int64(buf[at + 1])
     crc = _crc_byte(_crc(buf, at + 1, end, np.int64(0xFFFF)), np.int64(crc_extra[row]))
     if crc == _integer(buf, end, 2):
-        return _GOOD, header, whole, msgid
+        return (_UNKNOWN if flags & ~_SIGNED else _GOOD), header, whole, msgid
     return _BAD_CRC, header, whole, msgid
 
 

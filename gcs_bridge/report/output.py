@@ -13,6 +13,13 @@ __all__ = ["refuse_unwritable", "write_file", "write_stdout"]
 
 def refuse_unwritable(path: Path, *, sources: list[Path]) -> None:
     """Raise UsageError now, before any work, if the output could not be written or would replace a source."""
+    try:
+        _refuse(path, sources)
+    except OSError as error:  # it may not even be looked at
+        raise UsageError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _refuse(path: Path, sources: list[Path]) -> None:
     folder = Path(os.path.realpath(path)).parent
     if path.is_dir():
         raise UsageError(f"cannot write {path}: it is a folder")
