@@ -19,7 +19,7 @@ from gcs_bridge.sources.link import Link, LinkDownError, now_us
 __all__ = ["Stop", "listen"]
 
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
-_BATCH_S = 0.04  # the least time from batch to batch: judging one costs the same whether it holds one message or ten
+_BATCH_S = 0.055  # the least time from batch to batch: judging one costs the same whether it holds one message or ten
 
 
 class Stop:

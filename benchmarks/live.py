@@ -1,0 +1,107 @@
+"""A vehicle at 50 Hz on a real link, watched in a real viewer: what `listen` costs, and how old the newest sample is.
+
+    python -m benchmarks.live              # half a minute; the viewer runs without a window (Linux)
+
+The flight is `b_copter_acro`, sent over UDP at the speed at which it was flown. Its age is the time now less the
+receive time of the newest sample that the viewer has, asked for some hundred times a second.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+
+from gcs_bridge.mavlink.dialect import load_dialect
+from gcs_bridge.mavlink.scan import Scanner
+
+RECORDING = Path(__file__).parents[1] / "sitl_fixtures" / "b_copter_acro.tlog"
+SECONDS = 30.0
+_QUIET = {**os.environ, "CI": "1", "RUST_LOG": "error"}
+
+
+def free_port(kind: int) -> int:
+    """A port of this machine that nobody uses now."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def fly(port: int) -> None:
+    """Send the recording's first seconds to `port`, each frame at its time."""
+    scanner = Scanner(load_dialect(), timed=True)
+    scanner.scan(RECORDING.read_bytes(), final=True)
+    began_s = time.monotonic()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        frames = scanner.raw_frames()
+        for frame in frames:
+            at_s = (frame.t_rx_us - frames[0].t_rx_us) / 1e6
+            if at_s > SECONDS:
+                return
+            time.sleep(max(began_s + at_s - time.monotonic(), 0))
+            sender.sendto(frame.data, ("127.0.0.1", port))
+
+
+def ages(viewer_port: int, until: threading.Event) -> list[float]:
+    """The newest sample's age in the viewer, s, again and again."""
+    from rerun.experimental import ViewerClient
+
+    found: list[float] = []
+    client = None
+    while not until.is_set():
+        with contextlib.suppress(Exception):  # not there yet
+            client = client or ViewerClient.connect(f"rerun+http://127.0.0.1:{viewer_port}/proxy")
+            ends = [line.end for one in client.get_state().recordings for line in one.timelines if line.name == "utc"]
+            found += [time.time() - end / 1e9 for end in ends if end]
+        time.sleep(0.007)
+    return found
+
+
+def main() -> None:
+    """Measure, and print two lines."""
+    link_port, viewer_port = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
+    program = [sys.executable, "-c", "import sys; from gcs_bridge.cli import main; sys.exit(main())"]
+    command = [*program, "listen", f"udpin:127.0.0.1:{link_port}", "--viewer", "web", "--duration", str(SECONDS + 8)]
+    listening = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=_QUIET)
+    assert listening.stderr is not None
+    address = next(filter(None, (re.search(r"url=(\S+?)&", line) for line in listening.stderr)))[1]
+    rerun = [sys.executable, "-m", "rerun_cli", "--headless", "--bind", "127.0.0.1", "--port", str(viewer_port)]
+    viewer = subprocess.Popen([*rerun, "--connect", unquote(address)], env=_QUIET, stderr=subprocess.DEVNULL)
+    time.sleep(4)  # both have started by now
+    started = _cpu_s(listening.pid)
+    done = threading.Event()
+
+    def fly_and_tell() -> None:
+        fly(link_port)
+        done.set()
+
+    flight = threading.Thread(target=fly_and_tell)
+    flight.start()
+    measured = np.array(ages(viewer_port, done)) * 1e3
+    share = (_cpu_s(listening.pid) - started) / SECONDS
+    viewer.kill()
+    listening.terminate()
+    listening.communicate()
+    sys.stdout.write(f"listen with a viewer, 50 Hz: {share:.1%} of a core\n")
+    settled = measured[len(measured) // 5 :]
+    low, high, worst = np.percentile(settled, [50, 95, 100])
+    sys.stdout.write(f"age of the newest sample: median {low:.0f} ms, p95 {high:.0f} ms, max {worst:.0f} ms\n")
+
+
+def _cpu_s(pid: int) -> float:
+    """Processor time that a running process has used, all its threads together."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+if __name__ == "__main__":
+    main()
