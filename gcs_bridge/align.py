@@ -83,8 +83,11 @@ def _new_state() -> _State:
     return state
 
 
+# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
+
+
 @helper
-def _median(values, n):  # type: ignore[no-untyped-def]  # compiled into match_kernel, typed there
+def _median(values, n):  # type: ignore[no-untyped-def]
     """The lower median of the first `n` values, which it sorts: they are few."""
     for i in range(1, n):
         value = values[i]

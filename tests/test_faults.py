@@ -13,6 +13,7 @@ import pytest
 import wire
 from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
+from wire import records
 
 from gcs_bridge import Monitor
 from gcs_bridge.causes import CAUSES
@@ -45,17 +46,6 @@ def judged(data: bytes) -> tuple[list[Json], Json]:
     (entry,) = monitor.close().to_dict()["files"]
     (vehicle,) = entry["vehicles"]
     return events, vehicle
-
-
-def records(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """(record time, frame) of an undamaged recording."""
-    at = 0
-    while at < len(data):
-        start = at + 8
-        overhead = 8 if data[start] == 0xFE else 25 if data[start + 2] & 1 else 12
-        stop = start + overhead + data[start + 1]
-        yield struct.unpack(">Q", data[at:start])[0], data[start:stop]
-        at = stop
 
 
 def messages(data: bytes) -> Iterator[tuple[int, bytes, Any]]:

@@ -2,14 +2,14 @@
 
 import json
 import random
-import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import wire
+from wire import records
 
 from gcs_bridge import Monitor
 from gcs_bridge.inject import inject, parse_fault
@@ -27,17 +27,6 @@ Json = dict[str, Any]
 
 def recording(name: str) -> bytes:
     return (SITL / f"{name}.tlog").read_bytes()
-
-
-def records(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """(record time, frame) of an undamaged recording."""
-    at = 0
-    while at < len(data):
-        start = at + 8
-        overhead = 8 if data[start] == 0xFE else 25 if data[start + 2] & 1 else 12
-        stop = start + overhead + data[start + 1]
-        yield struct.unpack(">Q", data[at:start])[0], data[start:stop]
-        at = stop
 
 
 def story(data: bytes, size: Callable[[], int]) -> tuple[str, str]:

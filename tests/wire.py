@@ -1,7 +1,7 @@
 """Bytes as vehicles send and recorders write them: packed by pymavlink, turned by SciPy, never by our own package."""
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -132,3 +132,14 @@ def flight(
             frame = attitude_quaternion(now, motion.wxyz(t_s), motion.rates(t_s), seq=seq, **wire)
         records.append((start_us + 1000 * ms, frame))
     return records
+
+
+def records(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """(record time, frame) of an undamaged recording."""
+    at = 0
+    while at < len(data):
+        start = at + 8
+        overhead = 8 if data[start] == 0xFE else 25 if data[start + 2] & 1 else 12
+        stop = start + overhead + data[start + 1]
+        yield struct.unpack(">Q", data[at:start])[0], data[start:stop]
+        at = stop

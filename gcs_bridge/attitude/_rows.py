@@ -64,7 +64,7 @@ def rowwise(**tails: tuple[int, ...]) -> Callable[[Callable[P, R]], Callable[P, 
                 leads[name] = array.shape[: array.ndim - len(tail)]
             lead = broadcast(leads)
             if math.prod(lead) <= BLOCK:
-                return _in_order(function(**given))  # type: ignore[call-arg]
+                return _in_order(function(**given))  # type: ignore[call-arg]  # P.kwargs, by name
             return _in_blocks(function, given, tails, lead)
 
         return checked
@@ -102,7 +102,7 @@ def broadcast(leads: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
 
 def _in_order(result: R) -> R:
     if isinstance(result, tuple):
-        return tuple(map(_in_order, result))  # type: ignore[return-value]
+        return tuple(map(_in_order, result))  # type: ignore[return-value]  # R is a tuple here
     return result.copy() if isinstance(result, np.ndarray) and not result.flags.c_contiguous else result
 
 
@@ -125,7 +125,7 @@ def _in_blocks(
         for target, column in zip(whole, columns, strict=True):
             target[block] = column
     result = tuple(column.reshape(*lead, *column.shape[1:]) for column in whole)
-    return result if isinstance(piece, tuple) else result[0]  # type: ignore[return-value]
+    return result if isinstance(piece, tuple) else result[0]  # type: ignore[return-value]  # R is as one piece
 
 
 def numbers(value: npt.ArrayLike) -> Array:

@@ -94,8 +94,11 @@ def _crc_tables() -> npt.NDArray[np.uint16]:
 CRC_TABLES = _crc_tables()
 
 
+# Helpers of the kernels carry no types: numba types them anew wherever they are compiled into one.
+
+
 @helper
-def _crc(buf, start, stop, crc):  # type: ignore[no-untyped-def]  # inlined into the kernels, typed there
+def _crc(buf, start, stop, crc):  # type: ignore[no-untyped-def]
     t = CRC_TABLES
     i = start
     while stop - i >= 8:

@@ -191,16 +191,20 @@ def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: in
 
 
 @can_draw
-def test_a_viewer_that_reads_no_more_neither_stops_nor_slows_us(port: int) -> None:
-    """The worst kind: it is stopped, and does not go. What waits for it is kept, so memory may grow a little."""
+def test_a_viewer_that_reads_no_more_neither_stops_nor_slows_nor_grows_us(port: int) -> None:
+    """The worst kind: it is stopped for ten seconds of flight, and then killed."""
     with serving("1MiB") as viewer:
         flight = Flight(viewer, 40.0)
         flight.fly(10)
+        full = resident_bytes()
         with headless(viewer.url, port) as watching:  # type: ignore[attr-defined]
             watching.wait_for("boot", 5_000_000)
+            flight.fly(10)
             os.killpg(watching.process.pid, signal.SIGSTOP)
-            flight.fly(30)
+            flight.fly(10)
+        flight.fly(10)
         assert flight.slowest_s < 0.25
+        assert resident_bytes() < 1.03 * full
 
 
 @can_draw
