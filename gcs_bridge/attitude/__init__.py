@@ -42,7 +42,9 @@ from .frames import (
 )
 from .gravity import (
     G_M_S2,
+    DeadReckoner,
     DeadReckoning,
+    RestWatch,
     acceleration_level,
     acceleration_ned,
     accelerometer_tilt,
@@ -52,6 +54,7 @@ from .gravity import (
     down_from_specific_force,
     hover_thrust,
     level_from_ned,
+    may_stand_still,
     specific_force,
 )
 from .kinematics import (
@@ -88,7 +91,9 @@ from .quaternion import (
 
 __all__ = [
     "G_M_S2",
+    "DeadReckoner",
     "DeadReckoning",
+    "RestWatch",
     "acceleration_level",
     "acceleration_ned",
     "accelerometer_tilt",
@@ -123,6 +128,7 @@ __all__ = [
     "level_from_ned",
     "matrix_from_euler",
     "matrix_from_quaternion",
+    "may_stand_still",
     "mean",
     "multiply",
     "near_gimbal_lock",

@@ -26,6 +26,8 @@ import numpy.typing as npt
 from ._rows import Array, Mask, Quaternion, Vector, join, numbers, ray, rowwise, vector
 from .matrix import matrix_from_quaternion, quaternion_from_matrix
 
+TURN = 2.0 * np.pi
+
 LOCKED = 1e-15
 """M5: from here on, 2e-15 rad from a singularity, rounding alone decides what an outer angle would be."""
 
@@ -73,8 +75,9 @@ def split(q: Quaternion, sequence: Sequence) -> tuple[Array, Array, Array, Array
 
 
 def wrapped(angle: Array) -> Array:
-    """Bring an angle in [-2 pi, 2 pi] into (-pi, pi]."""
-    return angle - np.where(angle > np.pi, 2.0 * np.pi, 0.0) + np.where(angle <= -np.pi, 2.0 * np.pi, 0.0)
+    """Bring an angle into (-pi, pi]."""
+    near = angle - TURN * np.rint(angle / TURN)
+    return np.where(near <= -np.pi, np.pi, np.minimum(near, np.pi))  # rounding may leave it a float outside
 
 
 def angles_of(q: Quaternion, sequence: Sequence) -> tuple[Array, Array, Array]:
@@ -205,9 +208,8 @@ def heading(q: npt.ArrayLike) -> Array:
     270.0
     """
     yaw = angles_of(ray(q)[0], parsed("ZYX"))[0]
-    turn = 2.0 * np.pi
-    positive = np.where(yaw < 0.0, yaw + turn, yaw)
-    return np.where(positive < turn, positive, positive - turn)  # a hair west of north rounds to a whole turn
+    positive = np.where(yaw < 0.0, yaw + TURN, yaw)
+    return np.where(positive >= TURN, 0.0, positive)  # a hair west of north rounds to a whole turn
 
 
 @rowwise(q=(4,))

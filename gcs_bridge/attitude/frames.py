@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._rows import Array, Quaternion, grid, join, matrix, ray, rowwise, vector
-from .euler import euler_from_matrix, matrix_from_euler
+from .euler import euler_from_matrix, matrix_from_euler, wrapped
 from .quaternion import conjugated, product
 
 _HALF = np.asarray(0.5**0.5)
@@ -231,8 +231,7 @@ def ned_frd_matrix_from_enu_rfu(R: npt.ArrayLike) -> Array:
 
 def _flu_rpy(rpy_rad: npt.ArrayLike) -> Array:
     roll, pitch, yaw = vector(rpy_rad)
-    turned = 0.5 * np.pi - yaw
-    return join(roll, -pitch, turned - 2.0 * np.pi * np.ceil((turned - np.pi) / (2.0 * np.pi)))
+    return join(roll, -pitch, wrapped(0.5 * np.pi - yaw))
 
 
 @rowwise(rpy_rad=(3,))

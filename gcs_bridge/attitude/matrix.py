@@ -3,6 +3,8 @@
 This module knows matrices and quaternions, and nothing of Euler angles or frames.
 """
 
+from itertools import combinations_with_replacement
+
 import numpy as np
 import numpy.typing as npt
 
@@ -117,9 +119,6 @@ def is_rotation(R: npt.ArrayLike, tolerance: float = 1e-6) -> Mask:
     [True, False]
     """
     lines = matrix(R)
-    columns = tuple(zip(*lines, strict=True))
-    worst = np.zeros_like(lines[0][0])
-    for i, p in enumerate(columns):
-        for j, q in enumerate(columns[: i + 1]):
-            worst = np.maximum(worst, np.abs(p[0] * q[0] + p[1] * q[1] + p[2] * q[2] - (i == j)))
-    return np.asarray((worst <= tolerance) & (determinant(lines) > 0.0))
+    pairs = combinations_with_replacement(zip(*lines, strict=True), 2)  # of columns
+    errors = [np.abs(p[0] * q[0] + p[1] * q[1] + p[2] * q[2] - (p is q)) for p, q in pairs]
+    return np.asarray((np.maximum.reduce(errors) <= tolerance) & (determinant(lines) > 0.0))

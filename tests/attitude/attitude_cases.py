@@ -39,6 +39,7 @@ CASES = {
     "level_from_ned": {"q_nb": Q, "v_n": V},
     "matrix_from_euler": {"angles_rad": V},
     "matrix_from_quaternion": {"q": Q},
+    "may_stand_still": {"q_nb": Q, "f_b": V},
     "multiply": {"a": Q, "b": Q},
     "near_gimbal_lock": {"q": Q},
     "nearest_rotation": {"R": M},

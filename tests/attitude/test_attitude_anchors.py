@@ -159,6 +159,8 @@ def test_rotation_vectors_and_axes():
         attitude.rotvec_from_quaternion(attitude.quaternion_from_rotvec([0, 0, np.radians(350)])), [0, 0, -np.pi / 18]
     )
     close(attitude.quaternion_from_axis_angle([0, 0, -1], np.pi / 2), degrees(yaw=-90))
+    assert attitude.quaternion_from_axis_angle([0, 3, 0], 0.0).tolist() == [1, 0, 0, 0]
+    assert np.isnan(attitude.quaternion_from_axis_angle([0, 0, 0], 1.0)).all()
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -209,6 +211,7 @@ def test_near_gimbal_lock_measures_the_distance_in_radians():
     assert attitude.near_gimbal_lock(q, 0.2).tolist() == [True] * 4
     q = attitude.quaternion_from_rpy(roll_rad=0.4, pitch_rad=offsets - np.pi / 2, yaw_rad=2.0)
     assert attitude.near_gimbal_lock(q).tolist() == [True, True, False, False]
+    assert attitude.near_gimbal_lock([1, 0, 1, 0], 0.0)
     level = degrees()
     assert attitude.near_gimbal_lock(level, sequence="ZXZ")
     assert attitude.near_gimbal_lock(degrees(roll=180), sequence="ZXZ")
@@ -232,6 +235,10 @@ def test_ranges_are_closed_at_plus_pi():
         assert attitude.tilt_heading_between([1, 0, 0, 0], [0, 0, 0, sign])[1] == np.pi
     assert attitude.ned_frd_rpy_from_enu_flu([0, 0, -np.pi / 2])[2] == np.pi
     assert attitude.ned_frd_rpy_from_enu_flu([0, 0, 1.5 * np.pi])[2] == np.pi
+    half_turns = np.pi * np.arange(-2001.0, 2002.0, 2.0)[:, None] * (1.0 + 2.0**-52 * np.arange(-4, 5))
+    angles = np.stack(np.broadcast_arrays(0.0, 0.0, 0.5 * np.pi - half_turns), axis=-1)
+    yaw = attitude.ned_frd_rpy_from_enu_flu(angles)[..., 2]  # each a few floats from half a turn
+    assert ((yaw > -np.pi) & (yaw <= np.pi)).all()
 
 
 @pytest.mark.parametrize("turn", [{"yaw": 90}, {"yaw": 90, "pitch": 20}, {"yaw": 90, "pitch": -20, "roll": 30}])
@@ -295,6 +302,9 @@ def test_flu_angles():
     q = degrees(5, 10, 100)
     close(attitude.rpy_from_quaternion(attitude.enu_flu_from_ned_frd(q)), np.radians([5, -10, -10]))
     close(np.degrees(attitude.ned_frd_rpy_from_enu_flu(np.radians([5, -10, -10]))), [5, 10, 100], 1e-12)
+    for turns in (-50, -5, -1, 1, 5, 50):
+        whole = np.radians([5, 10, 100 + 360 * turns])
+        close(np.degrees(attitude.enu_flu_rpy_from_ned_frd(whole)), [5, -10, -10], 1e-11)
 
 
 def test_distances():
@@ -324,9 +334,9 @@ def test_roll_of_a_pitched_aircraft_is_tilt_and_heading():
 
 
 def test_heading_is_undefined_beyond_150_degrees_of_tilt():
-    """At 151 deg of tilt a heading difference means nothing and is NaN, at 149 deg it still stands (M17)."""
-    tilt, heading = attitude.tilt_heading_between(degrees(), degrees(roll=np.array([149, 151, 180])))
-    close(np.degrees(tilt), [149, 151, 180], 1e-12)
+    """Above 150 deg of tilt a heading difference means nothing and is NaN, just below it still stands (M17)."""
+    tilt, heading = attitude.tilt_heading_between(degrees(), degrees(roll=np.array([149.99, 150.01, 180])))
+    close(np.degrees(tilt), [149.99, 150.01, 180], 1e-12)
     assert np.isnan(heading).tolist() == [False, True, True]
 
 
@@ -340,6 +350,7 @@ def test_slerp_goes_the_short_way_at_a_constant_rate():
     close(attitude.slerp(degrees(), near, 0.25)[3] / 0.125e-12, 1.0)
     close(attitude.slerp(a, a, 0.3), a)
     close(attitude.slerp(degrees(), degrees(roll=180), 0.5), degrees(roll=90))
+    close(attitude.slerp(degrees(), [0, 0, 0, 1], 0.5), degrees(yaw=90))  # either way is short: as b's sign has it
 
 
 def test_mean_attitude():
@@ -347,11 +358,14 @@ def test_mean_attitude():
     close(np.degrees(attitude.heading(attitude.mean([degrees(yaw=10), -degrees(yaw=50)]))), 30, 1e-12)
     rolls = degrees(roll=np.array([0, 0, 0, 40]))
     assert 9 < np.degrees(attitude.rpy_from_quaternion(attitude.mean(rolls))[0]) < 11
-    assert attitude.mean(degrees(yaw=np.array([300, 310])))[0] >= 0
+    pairs = attitude.normalise(np.random.default_rng(19).normal(size=(100, 2, 4)))
+    assert (attitude.mean(pairs)[:, 0] > 0).all()
     bad = [[np.nan] * 4, [0.0] * 4]
     close(attitude.mean([*bad, degrees(yaw=10), degrees(yaw=50)]), attitude.mean([degrees(yaw=10), degrees(yaw=50)]))
     assert np.isnan(attitude.mean(bad)).all()
     assert np.isnan(attitude.mean([degrees(), degrees(roll=180)])).all()
+    half_turns = attitude.multiply(pairs[:, :1], [[1, 0, 0, 0], [0, 0, 1, 0]])
+    assert np.isnan(attitude.mean(half_turns)).all()
     assert attitude.mean(np.broadcast_to(degrees(5, 6, 7), (3, 2, 4))).shape == (3, 4)
 
 
@@ -368,6 +382,10 @@ def test_a_stream_is_made_continuous():
     close(attitude.continuous(lost)[3:], -q[3:])
     stacked = attitude.continuous([signs * q, -signs * q])
     close(stacked, [-q, q])
+    two = np.stack([signs * q, signs * q])
+    two[0, 2] = two[1, 1] = np.nan
+    for stream, good in zip(attitude.continuous(two), ([0, 1, 3, 4], [0, 2, 3, 4]), strict=True):
+        close(stream[good], -q[good])
     close(attitude.continuous(3.0 * signs * q), -3.0 * q)
     close(attitude.continuous(np.eye(4)), np.eye(4))  # half turns are equally near with either sign
 
@@ -397,6 +415,11 @@ def test_what_is_a_rotation():
             bent = R.copy()
             bent[line, column] += 1e-4
             assert not attitude.is_rotation(bent)
+            stretched_or_sheared = np.eye(3)
+            stretched_or_sheared[line, column] += 1e-4
+            assert not attitude.is_rotation(R @ stretched_or_sheared)
+    assert not attitude.is_rotation(np.zeros((3, 3)), tolerance=1.0)
+    assert attitude.is_rotation(np.eye(3), tolerance=0.0)
 
 
 def test_what_is_no_rotation_has_no_quaternion():

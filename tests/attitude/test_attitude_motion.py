@@ -25,6 +25,7 @@ def degrees(roll=0.0, pitch=0.0, yaw=0.0):
 def test_omega_matrix_as_printed():
     """Omega has the rows of M20, and half of it times q is dq/dt."""
     assert attitude.omega_matrix([1, 2, 3]).tolist() == [[0, -1, -2, -3], [1, 0, 3, -2], [2, -3, 0, 1], [3, 2, -1, 0]]
+    assert attitude.omega_matrix([0, 0, 0]).tolist() == np.zeros((4, 4)).tolist()
     q, w = degrees(10, 20, 30), np.array([0.4, -1.0, 2.0])
     close(0.5 * attitude.omega_matrix(w) @ q, attitude.quaternion_rate(q, w))
     close(0.5 * attitude.multiply(q, [0, *w]), attitude.quaternion_rate(q, w))
@@ -107,10 +108,13 @@ def test_hermite_rates_are_the_turning_of_its_attitudes():
 
 @pytest.mark.parametrize("size", [0.0, 1e-12, 1e-5, 0.1, 3.0])
 def test_hermite_of_a_constant_rate_is_exact(size):
-    """At a constant rate the interpolant is the motion itself, for steps of any size."""
+    """At a constant rate the interpolant is the motion itself, for steps of any size, backwards in time too."""
     w = size * np.array([0.6, 0.0, -0.8])
     q0 = degrees(10, 20, 30)
     q, rates = attitude.hermite(q0, attitude.integrate(q0, w, 1.0), w, w, 1.0, [0.25, 0.5])
+    close(q, attitude.integrate(q0, w, [0.25, 0.5]), 2e-15)
+    close(rates, [w, w], 4e-15)
+    q, rates = attitude.hermite(attitude.integrate(q0, w, 1.0), q0, w, w, -1.0, [0.75, 0.5])
     close(q, attitude.integrate(q0, w, [0.25, 0.5]), 2e-15)
     close(rates, [w, w], 4e-15)
 

@@ -77,12 +77,10 @@ def test_euler_angles(q, sequence):
     assert away.mean() > 0.98
     difference = got - expected
     close(difference[away] - 2 * np.pi * np.round(difference[away] / (2 * np.pi)), 0.0, 1e-12)
-    some = slice(0, 10_000)
-    made = attitude.wxyz_from_xyzw(Rotation.from_euler(sequence, expected[some]).as_quat())
-    assert turn_between(attitude.quaternion_from_euler(expected[some], sequence), made).max() < 1e-14
-    close(attitude.matrix_from_euler(expected[some], sequence), rotation(made).as_matrix(), 1e-14)
-    R = attitude.matrix_from_quaternion(q[some])
-    difference = (attitude.euler_from_matrix(R, sequence) - expected[some])[away[some]]
+    made = attitude.wxyz_from_xyzw(Rotation.from_euler(sequence, expected).as_quat())
+    assert turn_between(attitude.quaternion_from_euler(expected, sequence), made).max() < 1e-14
+    close(attitude.matrix_from_euler(expected, sequence), rotation(made).as_matrix(), 1e-14)
+    difference = (attitude.euler_from_matrix(rotation(q).as_matrix(), sequence) - expected)[away]
     close(difference - 2 * np.pi * np.round(difference / (2 * np.pi)), 0.0, 1e-12)
 
 
@@ -98,8 +96,18 @@ def test_nearest_rotations(q):
     """A noisy matrix is brought to SciPy's nearest rotation, whose determinant is +1."""
     noisy = attitude.matrix_from_quaternion(q[:500]) + 0.05 * np.random.default_rng(5).normal(size=(500, 3, 3))
     close(attitude.nearest_rotation(noisy), Rotation.from_matrix(noisy).as_matrix(), 1e-12)
-    got = attitude.nearest_rotation(np.random.default_rng(6).normal(size=(500, 3, 3)))
-    assert attitude.is_rotation(got, 1e-14).all()
+
+
+def test_nearest_rotations_of_anything():
+    """Of random matrices, half of them reflections, it is Davenport's: the q with the largest tr(R^T M) = q^T K q."""
+    given = np.random.default_rng(6).normal(size=(500, 3, 3))
+    assert 200 < (np.linalg.det(given) < 0).sum() < 300
+    by_q = np.empty((500, 4, 4))
+    trace, mirrored = np.trace(given, axis1=1, axis2=2), given.swapaxes(1, 2)
+    by_q[:, 0, 0] = trace
+    by_q[:, 0, 1:] = by_q[:, 1:, 0] = (given - mirrored)[:, [2, 0, 1], [1, 2, 0]]
+    by_q[:, 1:, 1:] = given + mirrored - trace[:, None, None] * np.eye(3)
+    close(attitude.nearest_rotation(given), rotation(np.linalg.eigh(by_q)[1][:, :, -1]).as_matrix(), 1e-12)
 
 
 # mpmath
@@ -164,9 +172,14 @@ def mp_matrix(q):
     ]
 
 
+def poles(sequence):
+    """The middle angles at which a sequence is singular (M7)."""
+    return (0.0, np.pi) if sequence in PROPER else (-np.pi / 2, np.pi / 2)
+
+
 def near_poles(sequence):
     """Middle angles at each singularity exactly, one float away, and at distances down from 1e-3."""
-    for pole in (0.0, np.pi) if sequence in PROPER else (-np.pi / 2, np.pi / 2):
+    for pole in poles(sequence):
         inward = 1.0 if pole <= 0 else -1.0
         yield pole
         yield np.nextafter(pole, inward)
@@ -175,7 +188,10 @@ def near_poles(sequence):
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_at_and_near_the_poles(sequence):
-    """There angles describe the rotation to 1e-14 rad, of float64 and of float32 quaternions and of matrices."""
+    """There angles describe the rotation to 5e-15 rad, of float64 and of float32 quaternions and of matrices.
+
+    The mask tells those nearer than its tolerance, and at the pole itself the angle listed last is zero (M5).
+    """
     for middle in near_poles(sequence):
         for first, last in ((0.7, -2.3), (3.0, 1.1)):
             angles = np.array([first, middle, last])
@@ -183,7 +199,10 @@ def test_at_and_near_the_poles(sequence):
             assert mp_angle(mp_exact(attitude.quaternion_from_euler(angles, sequence)), exact) < 1e-15
             double = np.array([float(part) for part in exact])
             for q in (double, -double, double.astype(np.float32)):
+                distance = min(abs(middle - pole) for pole in poles(sequence))
+                assert attitude.near_gimbal_lock(q, 3e-4, sequence) == (distance < 3e-4)
                 got = attitude.euler_from_quaternion(q, sequence)
+                assert got[2] == 0.0 or distance > 0.0 or q.dtype == np.float32
                 assert np.isfinite(got).all()
                 assert mp_angle(mp_euler(got, sequence), mp_exact(q)) < 5e-15
             R = np.array([[float(part) for part in line] for line in mp_matrix(exact)])
@@ -199,9 +218,12 @@ def test_pitch_near_the_vertical_keeps_its_digits(sign):
         assert abs(attitude.rpy_from_quaternion(q)[1] - pitch) < 1e-15
 
 
-@pytest.mark.parametrize("size", [1e-200, 1e-30, 1e-16, 1e-9, 1e-4, 1.0, 3.0, np.pi - 1e-9, np.pi - 1e-15, np.pi])
+SIZES_RAD = [1e-200, 1e-30, 1e-16, 1e-9, 1e-4, 1.0, 3.0, np.pi - 1e-9, np.pi - 1e-15, np.pi, 6.0, 2 * np.pi, 500.0]
+
+
+@pytest.mark.parametrize("size", SIZES_RAD)
 def test_exp_and_log_at_both_ends(size):
-    """Rotation vectors from 1e-200 rad to half a turn keep every digit, relative to their size (M9)."""
+    """Rotation vectors from 1e-200 rad to half a turn keep every digit, relative to their size, as do turns (M9)."""
     v = size * np.array([0.48, -0.6, 0.64])
     exact = mp_exp(mp_exact(v))
     got = attitude.quaternion_from_rotvec(v)

@@ -11,7 +11,7 @@ from attitude_cases import CASES, QUATERNION, SHARE, array_arguments, outputs, r
 from gcs_bridge import attitude
 from gcs_bridge.attitude import _rows
 
-NOT_ROW_WISE = {"DeadReckoning", "G_M_S2", "at_rest", "continuous", "dead_reckon", "mean"}
+NOT_ROW_WISE = {"DeadReckoner", "DeadReckoning", "G_M_S2", "RestWatch", "at_rest", "continuous", "dead_reckon", "mean"}
 
 
 @pytest.fixture(params=sorted(CASES))
@@ -117,6 +117,31 @@ def test_a_meaningless_row_becomes_nan_and_disturbs_no_other(name, function, rng
                 spoiled = ~part[bad] if part.dtype == bool else np.isnan(part[bad])
                 assert spoiled.all(), (key, place, value)
                 assert np.delete(part, bad, axis=0).tobytes() == np.delete(before, bad, axis=0).tobytes()
+
+
+def test_no_zero_has_a_sign(name, function):
+    """Quarter and half turns about the axes, and vectors along them, give zeros, and none of them prints as -0."""
+    rows = {
+        "quaternion": [[1, 0, 0, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, -1], [1, -0.0, 0, -0.0]],
+        "vector": [[0, 0, 0], [-0.0, 0, -0.0], [0, 0, -1], [1, 0, 0], [0, -1, 0], [0, 0, 1]],
+        "matrix": attitude.elementary_rotation("z", np.pi / 2).round() @ np.diag([1, -1, -1]) * np.ones((6, 1, 1)),
+        "number": [1, -1, 2, -2, 1, -1],
+        "share": [0, 1, 0.5, 0, 1, 0.5],
+    }
+    arguments = {key: np.array(rows[kind], float) if kind in rows else kind for key, kind in CASES[name].items()}
+    for part in outputs(function(**arguments)):
+        assert not (np.signbit(part.astype(float)) & (part == 0.0)).any()
+
+
+def test_damage_begins_above_1e75():
+    """A number of 1e75 is taken as it is, the next float is not; nor is a quaternion shorter than 1e-75."""
+    for axis in (*np.eye(3), *-np.eye(3)):
+        largest, beyond = 1e75 * axis, np.nextafter(1e75, np.inf) * axis
+        assert (np.abs(attitude.flu_from_frd(largest)) == np.abs(largest)).all()
+        assert np.isnan(attitude.flu_from_frd([axis, largest, beyond])).all(axis=-1).tolist() == [False, False, True]
+    sizes = np.array([0.99e-75, 1.01e-75, 0.99e75, 1.01e75])[:, None]
+    lost = np.isnan(attitude.normalise(sizes * [0.6, 0.0, 0.0, 0.8])).all(axis=-1)
+    assert lost.tolist() == [True, False, False, True]
 
 
 def test_no_rows_are_fine(name, function, rng):
