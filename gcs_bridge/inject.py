@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,8 +27,19 @@ from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.mavlink.decode import decode
 from gcs_bridge.mavlink.dialect import Dialect, Message, load_dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames, Scanner, frame_crc
+from gcs_bridge.report.output import refuse_unwritable, write_file
 
-__all__ = ["LINK_FAULTS", "Fault", "LinkFault", "StreamAbsentError", "inject", "inject_file", "parse_fault"]
+__all__ = [
+    "LINK_FAULTS",
+    "Fault",
+    "LinkFault",
+    "Made",
+    "StreamAbsentError",
+    "inject",
+    "inject_file",
+    "parse_fault",
+    "scope_text",
+]
 
 
 class StreamAbsentError(GcsBridgeError):
@@ -51,6 +61,24 @@ class Fault:
 
     def __post_init__(self) -> None:
         _parameter(self.name)
+
+    def __str__(self) -> str:
+        """As `parse_fault` takes it, with the value that a default stands for.
+
+        >>> print(parse_fault("yaw_offset"), parse_fault("thin:attitude=4"))
+        yaw_offset:12 thin:ATTITUDE=4
+        """
+        numbers = ",".join(f"{number:.12g}" for number in self.value)
+        message = f"{self.message}=" if self.message else ""
+        return f"{self.name}:{message}{numbers}" if numbers else self.name
+
+
+class Made(NamedTuple):
+    """A fault that was made: the number of messages (or of bytes, as `became` says), and what became of them."""
+
+    fault: Fault
+    number: int
+    became: str
 
 
 def parse_fault(text: str) -> Fault:
@@ -89,9 +117,26 @@ def inject(
     `sysid` restricts them to one system. `from_s` and `to_s` are seconds after the first record's time: records in
     [from_s, to_s) are touched. `truncate` alone knows neither. What is left to chance is the same for the same `seed`.
 
+    Several faults in one call are the same as one call each, on what the one before left; only seconds count from the
+    first of all records here.
+
     Raises UsageError for a dialect, message or interval that can't be, SourceError where no frame is valid, and
     StreamAbsentError where there is nothing to falsify.
     """
+    return _injected(data, faults, dialect=dialect, sysid=sysid, from_s=from_s, to_s=to_s, seed=seed)[0]
+
+
+def _injected(
+    data: bytes,
+    faults: Sequence[Fault],
+    *,
+    dialect: str,
+    sysid: int | None,
+    from_s: float | None,
+    to_s: float | None,
+    seed: int,
+) -> tuple[bytes, list[Made]]:
+    """As `inject`, with what was made."""
     try:
         table = load_dialect(dialect)
     except ValueError as error:
@@ -100,11 +145,14 @@ def inject(
     if not len(records.frames):
         raise SourceError("not one valid MAVLink frame: this is no telemetry recording with record times (.tlog)")
     scope = _scope(records.frames, sysid=sysid, from_s=from_s, to_s=to_s)
-    chance = np.random.default_rng(seed)
+    made = []
     for fault in faults:
-        data = _spliced(data, _edits(records, scope, fault, chance))
+        edits = sorted(_edits(records, scope, fault, np.random.default_rng(seed)))
+        link = LINK_FAULTS.get(fault.name)
+        made.append(Made(fault, link.count(edits) if link else len(edits), link.became if link else "messages changed"))
+        data = _spliced(data, edits)
         records = _records(data, table)
-    return data
+    return data, made
 
 
 def inject_file(
@@ -117,24 +165,23 @@ def inject_file(
     from_s: float | None = None,
     to_s: float | None = None,
     seed: int = 0,
-) -> None:
+) -> list[Made]:
     """Write a copy of the recording `source` with the faults in it to `target`, as a whole or not at all.
 
     The arguments and errors are those of `inject`; a `source` that can't be read is a SourceError, a `target` that
-    can't be written, or is the source itself, a UsageError.
+    can't be written, or is the source itself, a UsageError. Returns what was made, fault by fault.
     """
-    target = Path(os.path.realpath(target))  # a link stays a link
+    refuse_unwritable(target, sources=[source])
     try:
         data = source.read_bytes()
     except OSError as error:
         raise SourceError(f"{source}: cannot be read: {error.strerror}") from None
-    if target.exists() and target.samefile(source):
-        raise UsageError(f"cannot write {target}: it is the recording to be read")
     try:
-        falsified = inject(data, faults, dialect=dialect, sysid=sysid, from_s=from_s, to_s=to_s, seed=seed)
-    except (SourceError, StreamAbsentError) as error:
+        falsified, made = _injected(data, faults, dialect=dialect, sysid=sysid, from_s=from_s, to_s=to_s, seed=seed)
+    except GcsBridgeError as error:
         raise type(error)(f"{source}: {error}") from None
-    _write_whole(falsified, target)
+    write_file(falsified, target)
+    return made
 
 
 # --- what may be touched -------------------------------------------------------------------------------------------
@@ -201,12 +248,21 @@ def _scope(frames: Frames, *, sysid: int | None, from_s: float | None, to_s: flo
     lasts_s = (int(t_us.max()) - first_us) / 1e6
     if from_s is not None and from_s > lasts_s:
         raise UsageError(f"from {from_s:g} s is past the end: the recording lasts {lasts_s:g} s")
-    text = f" of system {sysid}" if sysid is not None else ""
-    text += f" from {from_s:g} s on" if from_s is not None else ""
-    text += f" up to {to_s:g} s" if to_s is not None else ""
+    text = scope_text(sysid=sysid, from_s=from_s, to_s=to_s)
     begin_us = -math.inf if from_s is None else first_us + round(from_s * 1e6)
     end_us = math.inf if to_s is None else first_us + round(to_s * 1e6)
     return _Scope(sysid, begin_us, end_us, text)
+
+
+def scope_text(*, sysid: int | None, from_s: float | None, to_s: float | None) -> str:
+    """The words for which records are touched, with a space before them; none for all."""
+    return "".join(
+        [
+            f" of system {sysid}" if sysid is not None else "",
+            f" from {from_s:g} s on" if from_s is not None else "",
+            f" up to {to_s:g} s" if to_s is not None else "",
+        ]
+    )
 
 
 # --- edits ---------------------------------------------------------------------------------------------------------
@@ -214,10 +270,11 @@ def _scope(frames: Frames, *, sysid: int | None, from_s: float | None, to_s: flo
 _Edit = tuple[int, int, bytes]  # bytes [start, stop) are replaced; the edits of a fault don't overlap
 
 
-def _spliced(data: bytes, edits: Iterable[_Edit]) -> bytes:
+def _spliced(data: bytes, edits: Sequence[_Edit]) -> bytes:
+    """The data with the edits, which are in the order of their places."""
     pieces = []
     at = 0
-    for start, stop, new in sorted(edits):
+    for start, stop, new in edits:
         pieces += [data[at:start], new]
         at = stop
     return b"".join([*pieces, data[at:]])
@@ -316,10 +373,13 @@ _Edits = Callable[[_Records, Fault, np.random.Generator], Iterable[_Edit]]
 
 @dataclass(frozen=True)
 class LinkFault:
-    """A fault of the link rather than of a message: what its value may be, and what it does."""
+    """A fault of the link rather than of a message: what its value may be, what it does, and what that looks like."""
 
     parameter: Parameter
     edits: _Edits
+    became: str
+    origin: str
+    count: Callable[[Sequence[_Edit]], int] = len
 
 
 def _count(share: float, of: int) -> int:
@@ -414,12 +474,43 @@ _SHARE = Parameter(least=0.0, most=1.0)
 
 LINK_FAULTS: Mapping[str, LinkFault] = MappingProxyType(
     {
-        "loss": LinkFault(_SHARE, _lost),
-        "reorder": LinkFault(Parameter(least=0.0, most=0.5), _reordered),  # at a half, every record is in a pair
-        "duplicate": LinkFault(_SHARE, _duplicated),
-        "corrupt": LinkFault(_SHARE, _corrupted),
-        "truncate": LinkFault(Parameter(unit="bytes", least=1, whole=True), _truncated),
-        "thin": LinkFault(Parameter(unit="Hz", least=0.001, most=1000.0), _thinned),
+        "loss": LinkFault(
+            _SHARE,
+            _lost,
+            "messages lost",
+            "A share of the messages never arrives: a radio link at its edge, or a full buffer.",
+        ),
+        "reorder": LinkFault(
+            Parameter(least=0.0, most=0.5),  # at a half, every record is in a pair
+            _reordered,
+            "messages moved",
+            "A share of each system's messages arrives after the next one: UDP over several paths.",
+        ),
+        "duplicate": LinkFault(
+            _SHARE,
+            _duplicated,
+            "messages doubled",
+            "A share of the messages arrives twice: two radios, or a router with a loop.",
+        ),
+        "corrupt": LinkFault(
+            _SHARE,
+            _corrupted,
+            "bytes changed",
+            "A share of the bytes of messages is another byte: noise on a serial line.",
+        ),
+        "truncate": LinkFault(
+            Parameter(unit="bytes", least=1, whole=True),
+            _truncated,
+            "bytes cut off",
+            "The end is missing: the disk was full, or the program was killed.",
+            count=lambda edits: edits[0][1] - edits[0][0],
+        ),
+        "thin": LinkFault(
+            Parameter(unit="Hz", least=0.001, most=1000.0),
+            _thinned,
+            "messages left out",
+            "One message comes at a lower rate than it was sent, as thin:ATTITUDE=4.",
+        ),
     }
 )
 """Every fault of the link by its name."""
@@ -436,22 +527,3 @@ def _parameter(name: str) -> Parameter:
     near = difflib.get_close_matches(name.lower(), known, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
     raise UsageError(f"unknown fault {name!r}; {hint}")
-
-
-# --- file ----------------------------------------------------------------------------------------------------------
-
-
-def _write_whole(data: bytes, target: Path) -> None:
-    """Write under a temporary name, then rename: nobody sees half of it."""
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    try:
-        if target.exists() and not target.is_file():  # a device or pipe is written to, not replaced
-            target.write_bytes(data)
-            return
-        try:
-            temporary.write_bytes(data)
-            temporary.replace(target)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise UsageError(f"cannot write {target}: {error.strerror}") from None

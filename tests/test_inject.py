@@ -624,7 +624,7 @@ def test_what_fails_writes_nothing(tmp_path: Path) -> None:
         inject_file(tmp_path / "absent.tlog", target, [parse_fault("yaw_offset")])
     with pytest.raises(StreamAbsentError, match=r"bench\.tlog: no ATTITUDE in"):
         inject_file(source, target, [parse_fault("roll_sign")])
-    with pytest.raises(UsageError, match="it is the recording to be read"):
+    with pytest.raises(UsageError, match="it is one of the recordings to be read"):
         inject_file(source, source, [parse_fault("yaw_offset")])
     with pytest.raises(UsageError, match="cannot write"):
         inject_file(source, tmp_path / "no folder" / "faulty.tlog", [parse_fault("yaw_offset")])

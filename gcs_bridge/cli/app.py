@@ -14,8 +14,10 @@ import traceback
 import click
 
 from gcs_bridge._version import __version__
+from gcs_bridge.cli.attitude import attitude
 from gcs_bridge.cli.check import check
 from gcs_bridge.cli.demo import demo
+from gcs_bridge.cli.inject import inject
 from gcs_bridge.cli.listen import listen
 from gcs_bridge.cli.replay import replay
 from gcs_bridge.cli.terminal import complain
@@ -40,8 +42,10 @@ def command() -> None:
     """
 
 
+command.add_command(attitude)
 command.add_command(check)
 command.add_command(demo)
+command.add_command(inject)
 command.add_command(listen)
 command.add_command(replay)
 

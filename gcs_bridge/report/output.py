@@ -32,16 +32,17 @@ def _refuse(path: Path, sources: list[Path]) -> None:
         raise UsageError(f"cannot write {path}: no permission")
 
 
-def write_file(text: str, path: Path) -> None:
+def write_file(content: str | bytes, path: Path) -> None:
     """Write the file under a temporary name beside it, then rename it: a reader never sees half of it."""
     target = Path(os.path.realpath(path))  # a link stays a link
+    data = content.encode() if isinstance(content, str) else content
     try:
         if target.exists() and not target.is_file():  # a device or pipe is written to, not replaced
-            target.write_text(text, encoding="utf-8")
+            target.write_bytes(data)
             return
         temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
         try:
-            temporary.write_text(text, encoding="utf-8")
+            temporary.write_bytes(data)
             temporary.replace(target)
         finally:
             temporary.unlink(missing_ok=True)
