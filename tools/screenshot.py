@@ -26,7 +26,7 @@ from gcs_bridge.viewer.processes import free_port
 
 FAULT, FROM_S = "yaw_offset:25", 30.0
 SHOWN_AT_BOOT_S = 71.6  # in the first turn of the square, banked
-SIZE = "1400x900"
+SIZE = "1600x1000"
 MOST_BYTES = 400_000
 _PATIENCE_S = 30.0
 _SETTLED_S = 2.0  # for the camera to arrive and the plots to be drawn

@@ -17,10 +17,10 @@ from gcs_bridge.errors import GcsBridgeError, UsageError
 from gcs_bridge.viewer.open import SUFFIX, Viewer, ViewerSink
 from gcs_bridge.viewer.sink import RerunSink, new_recording
 
-__all__ = ["SavedViewer"]
+__all__ = ["FLUSH_S", "GATHER", "SavedViewer"]
 
-_FLUSH_S = 60.0  # a disk may be slow
-_GATHER = 64  # rows: each piece costs 1 kB more in the file, and 0.2 kB of memory until its index is written
+FLUSH_S = 60.0  # a disk may be slow
+GATHER = 64  # rows: each piece costs 1 kB more in the file, and 0.2 kB of memory until its index is written
 
 
 class SavedViewer(Viewer):
@@ -44,7 +44,7 @@ class SavedViewer(Viewer):
             recording.set_sinks(rr.FileSink(part))
         except RuntimeError as error:
             raise UsageError(f"cannot write {self._path}: {error}") from None
-        sink = RerunSink(recording, live=self._live, gather=_GATHER)
+        sink = RerunSink(recording, live=self._live, gather=GATHER)
         self._open.append((sink, recording, part))
         return sink
 
@@ -59,7 +59,7 @@ class SavedViewer(Viewer):
         parts = [part for *_, part in self._open]
         for sink, recording, _ in self._open:
             sink.flush()
-            recording.flush(timeout_sec=_FLUSH_S)
+            recording.flush(timeout_sec=FLUSH_S)
             recording.disconnect()
         self._open = []
         if self._refused:

@@ -1,28 +1,30 @@
 """Fills the scene from what a Monitor tells: samples and disagreements by its observer, and events.
 
-Times are kept as they came: each boot of a vehicle is a clock of its own, and so a timeline of its own (`boot`,
-`boot_1`, …); the receive time is `utc`, where it is known. Attitudes are drawn as sent, never normalised.
+Attitudes are drawn as sent, never normalised.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from collections.abc import Iterable
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
 from gcs_bridge import attitude
+from gcs_bridge.checks.euler_quaternion import EulerQuaternion
 from gcs_bridge.events import Event
 from gcs_bridge.judge import Observation
 from gcs_bridge.samples import AttitudeSamples
 from gcs_bridge.sinks.events import event_line
 from gcs_bridge.viewer import scene
+from gcs_bridge.viewer.layout import layout
+from gcs_bridge.viewer.motion_lines import MotionLines
 from gcs_bridge.viewer.open import ViewerSink
 from gcs_bridge.viewer.processes import Window
+from gcs_bridge.viewer.rows import Moment, Rows, Times
 from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, Key, boot_timeline, path_of
 
 __all__ = ["RerunSink", "new_recording"]
@@ -48,64 +50,10 @@ def new_recording(name: str, *, live: bool) -> rr.RecordingStream:
     config = rr.ChunkBatcherConfig(flush_tick=_TICK_S) if live else None
     application = re.sub(r"[^A-Za-z0-9]+", "-", f"gcs-bridge {name}").strip("-")  # no other sign is allowed
     recording = rr.RecordingStream(application, batcher_config=config)
-    recording.send_recording_name(name)
+    recording.send_recording_name(name.encode("utf-8", "backslashreplace").decode())  # a file's may be undecodable
     recording.set_log_time_enabled(False)  # when it was drawn is of no interest
     recording.set_log_tick_enabled(False)
     return recording
-
-
-class _Moment(NamedTuple):
-    """An instant on the clock of a boot and as received: µs, None and −1 where unknown."""
-
-    boot: int
-    t_boot_us: int | None
-    t_rx_us: int
-
-
-@dataclass(frozen=True)
-class _Times:
-    """When n rows were true, in one boot: (n,) each, µs, −1 where the receive time is unknown."""
-
-    boot: int
-    t_boot_us: Int64s
-    t_rx_us: Int64s
-
-    def __len__(self) -> int:
-        return len(self.t_boot_us)
-
-    def moment(self, row: int) -> _Moment:
-        return _Moment(self.boot, int(self.t_boot_us[row]), int(self.t_rx_us[row]))
-
-    def columns(self, rows: Int64s) -> list[rr.TimeColumn]:
-        """The times of rows whose receive times are all known, or all unknown."""
-        columns = [rr.TimeColumn(boot_timeline(self.boot), duration=self.t_boot_us[rows].astype("m8[us]"))]
-        if self.t_rx_us[rows[0]] > 0:
-            columns.append(rr.TimeColumn(UTC, timestamp=self.t_rx_us[rows].astype("M8[us]")))
-        return columns
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """What is drawn at n times, by path: attitudes (n, 4) as [x, y, z, w], and numbers (n,) or (n, series)."""
-
-    times: _Times
-    attitudes: Mapping[str, Floats]
-    numbers: Mapping[str, Floats]
-
-    @classmethod
-    def joined(cls, parts: list[_Rows]) -> _Rows:
-        """Rows of the same boot and paths, one behind the other."""
-        first = parts[0]
-        if len(parts) == 1:
-            return first
-        times = _Times(
-            first.times.boot,
-            np.concatenate([part.times.t_boot_us for part in parts]),
-            np.concatenate([part.times.t_rx_us for part in parts]),
-        )
-        attitudes = {path: np.concatenate([part.attitudes[path] for part in parts]) for path in first.attitudes}
-        numbers = {path: np.concatenate([part.numbers[path] for part in parts]) for path in first.numbers}
-        return cls(times, attitudes, numbers)
 
 
 class _Vehicle:
@@ -113,7 +61,16 @@ class _Vehicle:
 
     def __init__(self) -> None:
         self.compared: set[int] = set()  # boots in which something could be compared
-        self.raised = False
+        self.silent = False  # by the latest event: there is nothing to compare
+        self.raised: dict[str, str] = {}  # alarms of all checks, by id: severity
+        self.motion: MotionLines | None = None
+
+    @property
+    def state(self) -> scene.State:
+        """The worst that is raised; else whether the two forms are compared."""
+        if self.raised:
+            return "alarm" if "alarm" in self.raised.values() else "warning"
+        return "not compared" if self.silent else "compared"
 
 
 class RerunSink(ViewerSink):
@@ -129,25 +86,26 @@ class RerunSink(ViewerSink):
         self._rec = recording
         self._live = live
         self._gather = gather
-        self._waiting: dict[tuple[int | str, ...], list[_Rows]] = {}
+        self._waiting: dict[tuple[int | str, ...], list[Rows]] = {}
         self._window = window
         self._vehicles: dict[Key, _Vehicle] = {}
-        self._first: _Moment | None = None
+        self._first: Moment | None = None
         self._latest_rx_us = -1
         self._boots: set[int] = set()
-        self._alarm: _Moment | None = None
+        self._alarm: Moment | None = None
         self._draw(scene.world_parts())
 
     def observe(self, observation: Observation) -> None:
         """Draw samples and their comparison."""
         segment, key = observation.segment, observation.vehicle
-        if not len(segment.euler) and not len(segment.quaternion):
-            return
-        vehicle = self._vehicle(key)
-        for source, samples in (("euler", segment.euler), ("quaternion", segment.quaternion)):
-            self._draw_attitude(key, source, samples[samples.valid])
-        if len(observation.pairs):
-            self._draw_disagreement(key, vehicle, observation)
+        if len(segment.euler) or len(segment.quaternion):
+            vehicle = self._vehicle(key)
+            for source, samples in (("euler", segment.euler), ("quaternion", segment.quaternion)):
+                self._draw_attitude(key, source, samples[samples.valid])
+            if len(observation.pairs):
+                self._draw_disagreement(key, vehicle, observation)
+        if key in self._vehicles:
+            self._draw_motion(key, self._vehicles[key], observation)
 
     def event(self, event: Event) -> None:
         """Write an event into the log, and what it means for the comparison into its lane."""
@@ -165,14 +123,18 @@ class RerunSink(ViewerSink):
         vehicle = self._vehicle(key)
         self._rec.log(path_of(key, "events"), text)
         if name == "alarm_raised":
-            vehicle.raised = True
+            vehicle.raised[event["id"]] = event["severity"]
             self._alarm = self._alarm or moment
-            self._state(key, "alarm")
-        elif name in ("alarm_cleared", "reboot"):
-            vehicle.raised = False
-            self._state(key, "compared" if name == "alarm_cleared" else "not compared")
-        elif name in ("no_compare", "compare_resumed") and not vehicle.raised:
-            self._state(key, "compared" if name == "compare_resumed" else "not compared")
+            self._state(key, vehicle.state)
+        elif name == "alarm_cleared":
+            vehicle.raised.pop(event["id"], None)
+            self._state(key, vehicle.state)
+        elif name == "reboot":
+            vehicle.silent, vehicle.raised = False, {}
+            self._state(key, "not compared")  # until the new boot's first pair
+        elif name in ("no_compare", "compare_resumed") and event["check"] == EulerQuaternion.name:
+            vehicle.silent = name == "no_compare"
+            self._state(key, vehicle.state)
 
     def finish(self, at: Literal["alarm"] | int | None = None) -> bool:
         """Lay the whole out, around the first alarm or a receive time if `at` asks for it."""
@@ -191,11 +153,19 @@ class RerunSink(ViewerSink):
             self._window.show(str(self._rec.get_recording_id()), timeline, time_us)
         return True
 
+    def finish_moment(self, t_boot_us: int) -> None:
+        """Nothing follows, and all was around this time of the only boot: lay it out so that it opens there."""
+        self.flush()
+        self._lay_out(t_boot_us, at_end=True)
+
     def flush(self) -> None:
         """Draw what waits for more."""
+        for vehicle in self._vehicles.values():
+            if vehicle.motion is not None:
+                self._draw_each(vehicle.motion.flush())
         for waiting in self._waiting.values():
             if waiting:
-                self._send(_Rows.joined(waiting))
+                Rows.joined(waiting).send(self._rec)
                 waiting.clear()
 
     def _vehicle(self, key: Key) -> _Vehicle:
@@ -210,7 +180,7 @@ class RerunSink(ViewerSink):
     def _draw_attitude(self, key: Key, source: str, samples: AttitudeSamples) -> None:
         if not len(samples):
             return
-        times = _Times(int(samples.boot[0]), samples.t_boot_us, samples.t_rx_us)
+        times = Times(int(samples.boot[0]), samples.t_boot_us, samples.t_rx_us)
         if self._first is None:
             self._first = times.moment(0)
         self._boots.add(times.boot)
@@ -219,7 +189,7 @@ class RerunSink(ViewerSink):
         angles = dict(zip(ANGLES, np.degrees(rpy_rad).T, strict=True))
         xyzw = attitude.xyzw_from_wxyz(samples.q_nb)
         numbers = {path_of(key, name, source): degrees for name, degrees in angles.items()}
-        self._draw_rows(_Rows(times, {path_of(key, "body", source): xyzw}, numbers))
+        self._draw_rows(Rows(times, {path_of(key, "body", source): xyzw}, numbers))
 
     def _draw_disagreement(self, key: Key, vehicle: _Vehicle, observation: Observation) -> None:
         segment, pairs, found = observation.segment, observation.pairs, observation.disagreement
@@ -227,7 +197,7 @@ class RerunSink(ViewerSink):
         valid = np.zeros(len(segment.message), np.bool_)
         for message, samples in enumerate((segment.euler, segment.quaternion)):
             valid[segment.message == message] = samples.valid
-        times = _Times(segment.boot, pairs.t_boot_us, segment.t_rx_us[valid][pairs.trigger])
+        times = Times(segment.boot, pairs.t_boot_us, segment.t_rx_us[valid][pairs.trigger])
         judged = np.flatnonzero(found.judged)
         if len(judged) and segment.boot not in vehicle.compared:
             vehicle.compared.add(segment.boot)
@@ -237,28 +207,37 @@ class RerunSink(ViewerSink):
         values = {name: np.where(found.judged, getattr(found, name), np.nan) for name in ("angle", "tilt", "heading")}
         values["limit"] = found.limit
         degrees = np.degrees([values[name] for name in DISAGREEMENT]).T
-        self._draw_rows(_Rows(times, {}, {path_of(key, "disagreement"): degrees}))
+        self._draw_rows(Rows(times, numbers={path_of(key, "disagreement"): degrees}))
 
-    def _draw_rows(self, rows: _Rows) -> None:
+    def _draw_motion(self, key: Key, vehicle: _Vehicle, observation: Observation) -> None:
+        """Draw how the vehicle moves, from its first inertial sample on."""
+        flight, boot, lines = observation.flight, observation.segment.boot, vehicle.motion
+        if lines is None or lines.boot != boot:
+            if lines is None and flight.imu is None:
+                return
+            if lines is None:
+                self._draw(scene.motion_parts(key))
+            else:
+                self._draw_each(lines.flush())
+            lines, first = MotionLines(key, boot), lines is None
+            vehicle.motion = lines
+            if first and self._live:
+                self._lay_out()
+        self._draw_each(lines.feed(flight))
+
+    def _draw_each(self, several: Iterable[Rows]) -> None:
+        for rows in several:
+            self._draw_rows(rows)
+
+    def _draw_rows(self, rows: Rows) -> None:
         """Draw rows now, or with those that follow."""
-        waiting = self._waiting.setdefault((rows.times.boot, *rows.attitudes, *rows.numbers), [])
+        waiting = self._waiting.setdefault((rows.times.boot, *rows.paths), [])
         waiting.append(rows)
         if sum(len(one.times) for one in waiting) >= self._gather:
-            self._send(_Rows.joined(waiting))
+            Rows.joined(waiting).send(self._rec)
             waiting.clear()
 
-    def _send(self, rows: _Rows) -> None:
-        known = rows.times.t_rx_us > 0
-        for picked in (np.flatnonzero(known), np.flatnonzero(~known)):
-            if not len(picked):
-                continue
-            columns = rows.times.columns(picked)
-            for path, xyzw in rows.attitudes.items():
-                self._rec.send_columns(path, columns, rr.Transform3D.columns(quaternion=xyzw[picked]))
-            for path, numbers in rows.numbers.items():
-                self._rec.send_columns(path, columns, rr.Scalars.columns(scalars=numbers[picked]))
-
-    def _set_time(self, moment: _Moment) -> None:
+    def _set_time(self, moment: Moment) -> None:
         """The time of what is logged next."""
         self._rec.reset_time()
         if moment.t_boot_us is not None:
@@ -267,7 +246,7 @@ class RerunSink(ViewerSink):
             self._rec.set_time(UTC, timestamp=np.datetime64(moment.t_rx_us, "us"))
 
     def _state(self, key: Key, state: scene.State) -> None:
-        self._rec.log(path_of(key, "comparison"), rr.StateChange(state=state))
+        self._rec.log(path_of(key, "state"), rr.StateChange(state=state))
         self._rec.log(path_of(key, "body", "name"), scene.name_tag(key, state))
 
     def _draw(self, parts: Iterable[scene.Part]) -> None:
@@ -281,19 +260,20 @@ class RerunSink(ViewerSink):
             return UTC
         return UTC if self._live and self._first is None else boot_timeline(min(self._boots, default=0))
 
-    def _lay_out(self, around_us: int | None = None) -> None:
-        layout = scene.layout(list(self._vehicles), self._timeline(), live=self._live, around_us=around_us)
-        self._rec.send_blueprint(layout)
+    def _lay_out(self, around_us: int | None = None, *, at_end: bool = False) -> None:
+        vehicles = {key: vehicle.motion is not None for key, vehicle in self._vehicles.items()}
+        shown = layout(vehicles, self._timeline(), live=self._live, around_us=around_us, at_end=at_end)
+        self._rec.send_blueprint(shown)
 
-    def _at(self, t_rx_us: int) -> _Moment | None:
+    def _at(self, t_rx_us: int) -> Moment | None:
         """A receive time as a moment of the first vehicle's first boot; None where it is past the end, or unknown."""
         first = self._first
         if first is None or first.t_rx_us <= 0 or first.t_boot_us is None or t_rx_us > self._latest_rx_us:
             return None
-        return _Moment(first.boot, max(first.t_boot_us + t_rx_us - first.t_rx_us, 0), t_rx_us)
+        return Moment(first.boot, max(first.t_boot_us + t_rx_us - first.t_rx_us, 0), t_rx_us)
 
 
-def _moment(event: Event) -> _Moment:
+def _moment(event: Event) -> Moment:
     boot_s, utc = event["boot_s"], event["utc"]
     received = -1 if utc is None else int(np.datetime64(utc.removesuffix("Z"), "us").astype(np.int64))
-    return _Moment(event["boot"], None if boot_s is None else round(boot_s * 1e6), received)
+    return Moment(event["boot"], None if boot_s is None else round(boot_s * 1e6), received)

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,13 @@ import numpy as np
 import pytest
 import wire
 from pymavlink import mavutil
+from pymavlink.dialects.v20 import all as mavlink
 from viewer_tools import FIXTURES, Drawn, eventually, verify
 
 from gcs_bridge import Monitor
 from gcs_bridge.cli import main
+from gcs_bridge.desk import AlarmRecord
+from gcs_bridge.events import make_event
 from gcs_bridge.viewer import open_viewer
 
 LEVEL = (0.0, 0.0, 0.0)
@@ -93,12 +97,85 @@ def test_the_disagreement_of_a_turned_quaternion_is_drawn_with_its_limit(tmp_pat
     recording = drawn(records, tmp_path / "a.rrd")
     _, rows = recording.rows("/vehicle/1.1/disagreement", "Scalars:scalars")
     assert rows == [pytest.approx([25, 0.52, 0, 25], abs=1e-5)] * 100  # angle, limit, tilt, heading
-    _, states = recording.rows("/vehicle/1.1/comparison", "StateChange:state")
+    _, states = recording.rows("/vehicle/1.1/state", "StateChange:state")
     assert states == [["compared"], ["alarm"]]
     _, levels = recording.rows("/vehicle/1.1/events", "TextLog:level")
-    assert levels[-2:] == [["WARN"], ["CRITICAL"]]
+    assert [level for level in levels if level != ["INFO"]] == [["WARN"], ["CRITICAL"]]
     _, tags = recording.rows("/vehicle/1.1/body/name", "Points3D:labels")
     assert tags == [["1.1 compared"], ["1.1 ALARM"]]
+
+
+def moving(headings_deg: Any, force: Any) -> list[tuple[int, bytes]]:
+    """A level vehicle of these headings at 25 Hz, and an accelerometer of one more second that feels `force`."""
+    records = []
+    for i in range(len(headings_deg) + 25):
+        now_us, ms = wire.START_US + 40_000 * i, 1000 + 40 * i
+        if i % 25 == 0:
+            records.append((now_us, wire.heartbeat()))
+        if i < len(headings_deg):
+            turned = wire.wxyz(wire.Rotation.from_euler("Z", headings_deg[i], degrees=True))
+            records.append((now_us, wire.attitude_quaternion(ms, turned)))
+        imu = mavlink.MAVLink_highres_imu_message(1000 * ms, *force(i), *[0] * 10, fields_updated=63)
+        records.append((now_us, wire.pack(imu)))
+    return records
+
+
+def test_the_motion_is_drawn_with_units_and_bounds(tmp_path: Path) -> None:
+    """Four seconds of rest, then 2 m/s² to the right for two: 4 m/s, 4 m, and bounds of 0.6 m/s and 0.6 m."""
+    records = moving(np.full(152, 90.0), lambda i: (0, 2.0 if i > 100 else 0.0, -9.80665))
+    recording = drawn(records, tmp_path / "a.rrd")
+    motion = "/vehicle/1.1/motion"
+    boot_us, acceleration = recording.rows(f"{motion}/acceleration_h_m_s2", "Scalars:scalars")
+    assert boot_us.tolist() == [1_000_000 + 40_000 * i for i in range(152)]
+    assert acceleration[151] == pytest.approx([0, 2, 0], abs=1e-5)
+    _, velocity = recording.rows(f"{motion}/velocity_h_m_s", "Scalars:scalars")
+    assert velocity[100] == [0, 0, 0, 0, 0]
+    assert velocity[151] == pytest.approx([0, 4.04, 0, 0.612, -0.612], abs=1e-4)  # the step is a ramp of 0.04 s
+    _, displacement = recording.rows(f"{motion}/displacement_h_m", "Scalars:scalars")
+    assert displacement[151] == pytest.approx([0, 4.0805, 0, 0.624, -0.624], abs=1e-3)
+    assert np.isnan(velocity[20]).all()  # before the first three seconds of rest nothing is known
+    assert np.isnan(displacement[20]).all()
+
+
+def test_down_by_the_accelerometer_is_drawn_in_the_world(tmp_path: Path) -> None:
+    """A level vehicle with its nose east feels as much force to its left as upwards: its down seems 45° to the south.
+
+    Right of a nose that points east is south; the force to the left pulls a plumb line to the right.
+    """
+    recording = drawn(moving(np.full(50, 90.0), lambda i: (0, -9.8, -9.8)), tmp_path / "a.rrd")
+    _, arrows = recording.numbers("/vehicle/1.1/body/down/accelerometer", "Arrows3D:vectors")
+    assert len(arrows) == 50
+    assert arrows == pytest.approx(np.tile(1.15 * np.array([-1, 0, 1]) / np.sqrt(2), (50, 1)), abs=1e-6)
+    _, apart = recording.numbers("/vehicle/1.1/motion/down_apart_deg", "Scalars:scalars")
+    assert apart == pytest.approx(45, abs=1e-4)
+
+
+def test_no_line_is_drawn_across_the_wrap_of_the_heading(tmp_path: Path) -> None:
+    """From 3° over 0° to 357°: between the two lies a row that is no number, however the bytes were cut."""
+    records = moving(3 - 0.5 * np.arange(100), lambda i: (0, 0, -9.80665))
+    records = records[: -25 - 1]  # nothing comes behind the last attitude, and still it is drawn
+    for pieces in (1, 60):
+        recording = drawn(records, tmp_path / f"{pieces}.rrd", pieces=pieces)
+        boot_us, heading = recording.numbers("/vehicle/1.1/motion/heading_deg", "Scalars:scalars")
+        (gap,) = np.flatnonzero(np.isnan(heading))
+        assert heading[gap - 1] == pytest.approx(0, abs=1e-5)
+        assert heading[gap + 1] == pytest.approx(359.5, abs=1e-4)
+        assert boot_us[gap - 1] < boot_us[gap] < boot_us[gap + 1]
+        assert np.delete(heading, gap) == pytest.approx((3 - 0.5 * np.arange(100)) % 360, abs=1e-4)
+
+
+def test_each_boots_motion_is_drawn_to_its_end(tmp_path: Path) -> None:
+    """Of the 597 RAW_IMU of a flight with a reboot, all are drawn but the last of each boot, behind all attitudes."""
+    records = list(wire.records((FIXTURES / "f_reboot.tlog").read_bytes()))
+    records.insert(0, (records[0][0], wire.heartbeat()))  # it tells the unit of RAW_IMU
+    for pieces in (1, 40):
+        recording = drawn(records, tmp_path / f"{pieces}.rrd", pieces)
+        drawn_rows = [
+            len(recording.rows("/vehicle/1.1/motion/acceleration_h_m_s2", "Scalars:scalars", timeline)[0])
+            for timeline in ("boot", "boot_1")
+        ]
+        assert min(drawn_rows) > 200
+        assert 595 <= sum(drawn_rows) <= 597
 
 
 def test_how_the_bytes_were_cut_does_not_change_what_is_drawn(tmp_path: Path) -> None:
@@ -140,6 +217,26 @@ def test_a_stream_without_times_is_drawn_on_the_boot_clock_alone(tmp_path: Path)
     assert recording.timelines() == {"boot"}
 
 
+def test_the_state_is_the_worst_that_is_raised(tmp_path: Path) -> None:
+    """A warning and an alarm come and go: the worst of both is shown, and at last that all is compared."""
+    story = [
+        ("alarm_raised", "gravity-1", "warning", "warning"),
+        ("alarm_raised", "euler-1", "alarm", "alarm"),
+        ("alarm_cleared", "gravity-1", "warning", "alarm"),
+        ("alarm_cleared", "euler-1", "alarm", "compared"),
+    ]
+    path = tmp_path / "a.rrd"
+    with open_viewer(f"save:{path}", say=pytest.fail) as viewer:
+        sink = viewer.recording("by hand")
+        for second, (name, alarm, severity, _) in enumerate(story):
+            event = make_event(name, (1, 1), 0, 1_000_000 * second, -1, check="gravity")
+            record = AlarmRecord(id=alarm, check="gravity", severity=severity, boot=0, what="", is_not="")
+            sink.event(event | asdict(record))
+        sink.finish()
+    _, states = Drawn(path).rows("/vehicle/1.1/state", "StateChange:state")
+    assert states == [[state] for *_, state in story]
+
+
 def test_each_boot_has_a_clock_of_its_own(tmp_path: Path) -> None:
     """After a reboot the boot time begins again: on one timeline both flights would lie over each other."""
     path = tmp_path / "a.rrd"
@@ -150,7 +247,7 @@ def test_each_boot_has_a_clock_of_its_own(tmp_path: Path) -> None:
     first, second = recording.rows(*entity)[0], recording.rows(*entity, "boot_1")[0]
     assert first[0] > 60e6 > 5e6 > second[0]
     assert len(recording.rows(*entity, "utc")[0]) == len(first) + len(second)
-    _, states = recording.rows("/vehicle/1.1/comparison", "StateChange:state", "utc")
+    _, states = recording.rows("/vehicle/1.1/state", "StateChange:state", "utc")
     assert [state for (state,), _ in itertools.groupby(states)] == ["compared", "not compared", "compared"]
 
 

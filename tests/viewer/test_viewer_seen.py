@@ -101,7 +101,7 @@ def test_yaw_90_turns_the_nose_east_and_down_is_drawn_downwards(tmp_path: Path, 
 
 @can_draw
 def test_the_layout_shows_everything_without_a_click(tmp_path: Path, port: int) -> None:
-    """Bodies, comparison, events and four plots; nothing that the viewer complains of; an alarm is red to see."""
+    """Bodies, comparison, events, four plots of attitude and five of motion; no complaint; an alarm is red to see."""
     source = tmp_path / "turned.tlog"
     flown = (FIXTURES / "a_copter_square.tlog").read_bytes()
     source.write_bytes(inject(flown, [parse_fault("yaw_offset:25")], from_s=12))
@@ -111,12 +111,12 @@ def test_the_layout_shows_everything_without_a_click(tmp_path: Path, port: int) 
         viewer.wait_for("boot", 100_000_000)
         viewer.go_to(30_000_000)
         views = sorted(view.view_class for view in viewer.client.get_state().views)
-        assert views == ["3D", "StateTimeline", "TextLog", *["TimeSeries"] * 4]
+        assert views == ["3D", "StateTimeline", "TextLog", *["TimeSeries"] * 9]
         picture = viewer.picture()
         assert viewer.errors() == []
     assert picture.shape[:2] == (900, 1400)
     assert about(picture, (229, 57, 53), within=60).sum() > 2000  # the lane of the alarm
-    for colour in ((90, 200, 250), (255, 175, 60)):  # the lines of both sources
+    for colour in ((90, 200, 250), (255, 175, 60), (235, 110, 235)):  # the lines of both sources, and the down's angle
         assert about(picture, colour, within=40).sum() > 200
 
 

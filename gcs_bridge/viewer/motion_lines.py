@@ -1,0 +1,60 @@
+"""A vehicle's motion as lines and arrows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gcs_bridge.flight import Flight
+from gcs_bridge.motion import MotionSamples, MotionTracker
+from gcs_bridge.viewer.rows import Floats, Rows, Times
+from gcs_bridge.viewer.scene import DOWN_M, MOTION, Key, path_of
+
+__all__ = ["MotionLines"]
+
+_HOLD_US = 200_000  # drawn five times a second: the eye sees no more in a plot, and each time costs as much as 100 rows
+
+
+class MotionLines:
+    """Follows the motion of one vehicle in one boot, and makes rows of it."""
+
+    def __init__(self, key: Key, boot: int) -> None:
+        """Start with nothing drawn."""
+        self.boot = boot
+        self._paths = [path_of(key, "motion", name) for name in MOTION]
+        self._arrow = path_of(key, "body", "down", "accelerometer")
+        self._tracker = MotionTracker(_HOLD_US)
+        self._heading_deg = np.nan  # the last one drawn
+
+    def feed(self, flight: Flight) -> Iterator[Rows]:
+        """What a batch adds."""
+        return self._rows(self._tracker.feed(flight))
+
+    def flush(self) -> Iterator[Rows]:
+        """What was held for more to come."""
+        return self._rows(self._tracker.flush())
+
+    def _rows(self, moved: MotionSamples | None) -> Iterator[Rows]:
+        if moved is None:
+            return
+        times = Times(self.boot, moved.t_boot_us, moved.t_rx_us)
+        *paths, heading = self._paths
+        lines = (
+            moved.a_h_m_s2,
+            np.column_stack((moved.v_h_m_s, moved.v_bound_m_s, -moved.v_bound_m_s)),
+            np.column_stack((moved.d_h_m, moved.d_bound_m, -moved.d_bound_m)),
+            np.degrees(moved.apart_rad),
+        )
+        arrows = {self._arrow: DOWN_M * np.nan_to_num(moved.accelerometer_down_n)}  # none where there is free fall
+        yield Rows(times, numbers=dict(zip(paths, lines, strict=True)), arrows=arrows)
+        broken, heading_deg = self._without_wraps(times, np.degrees(moved.heading_rad))
+        yield Rows(broken, numbers={heading: heading_deg})
+
+    def _without_wraps(self, times: Times, heading_deg: Floats) -> tuple[Times, Floats]:
+        """The headings with a break before each that lies across north, so that no line crosses the plot."""
+        before = np.concatenate(([self._heading_deg], heading_deg[:-1]))
+        across = np.flatnonzero(np.abs(heading_deg - before) > 180.0)
+        self._heading_deg = heading_deg[-1]
+        t_boot_us, t_rx_us = (np.insert(t_us, across, t_us[across] - 1) for t_us in (times.t_boot_us, times.t_rx_us))
+        return Times(times.boot, t_boot_us, t_rx_us), np.insert(heading_deg, across, np.nan)

@@ -1,0 +1,102 @@
+"""Rows to be drawn: what was true at n times of one boot, by entity path.
+
+Times are kept as they came: each boot of a vehicle is a clock of its own, and so a timeline of its own (`boot`,
+`boot_1`, …); the receive time is `utc`, where it is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+
+from gcs_bridge.viewer.scene import UTC, boot_timeline
+
+__all__ = ["Moment", "Rows", "Times"]
+
+Floats = npt.NDArray[np.float64]
+Int64s = npt.NDArray[np.int64]
+
+
+class Moment(NamedTuple):
+    """An instant on the clock of a boot and as received: µs, None and −1 where unknown."""
+
+    boot: int
+    t_boot_us: int | None
+    t_rx_us: int
+
+
+@dataclass(frozen=True)
+class Times:
+    """When n rows were true, in one boot: (n,) each, µs, −1 where the receive time is unknown."""
+
+    boot: int
+    t_boot_us: Int64s
+    t_rx_us: Int64s
+
+    def __len__(self) -> int:
+        return len(self.t_boot_us)
+
+    def moment(self, row: int) -> Moment:
+        """When one of them was true."""
+        return Moment(self.boot, int(self.t_boot_us[row]), int(self.t_rx_us[row]))
+
+    def columns(self, rows: Int64s) -> list[rr.TimeColumn]:
+        """The times of rows whose receive times are all known, or all unknown."""
+        columns = [rr.TimeColumn(boot_timeline(self.boot), duration=self.t_boot_us[rows].astype("m8[us]"))]
+        if self.t_rx_us[rows[0]] > 0:
+            columns.append(rr.TimeColumn(UTC, timestamp=self.t_rx_us[rows].astype("M8[us]")))
+        return columns
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What is drawn at n times, by path.
+
+    `attitudes` (n, 4) as [x, y, z, w]; `numbers` (n,) or (n, series); `arrows` (n, 3) in their parent's axes.
+    """
+
+    times: Times
+    attitudes: Mapping[str, Floats] = field(default_factory=dict)
+    numbers: Mapping[str, Floats] = field(default_factory=dict)
+    arrows: Mapping[str, Floats] = field(default_factory=dict)
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Where they are drawn."""
+        return (*self.attitudes, *self.numbers, *self.arrows)
+
+    @classmethod
+    def joined(cls, parts: list[Rows]) -> Rows:
+        """Rows of the same boot and paths, one behind the other."""
+        first = parts[0]
+        if len(parts) == 1:
+            return first
+        times = Times(
+            first.times.boot,
+            np.concatenate([part.times.t_boot_us for part in parts]),
+            np.concatenate([part.times.t_rx_us for part in parts]),
+        )
+        values = [
+            {path: np.concatenate([getattr(part, kind)[path] for part in parts]) for path in getattr(first, kind)}
+            for kind in ("attitudes", "numbers", "arrows")
+        ]
+        return cls(times, *values)
+
+    def send(self, recording: rr.RecordingStream) -> None:
+        """Draw them."""
+        known = self.times.t_rx_us > 0
+        for picked in (np.flatnonzero(known), np.flatnonzero(~known)):
+            if not len(picked):
+                continue
+            columns = self.times.columns(picked)
+            for path, xyzw in self.attitudes.items():
+                recording.send_columns(path, columns, rr.Transform3D.columns(quaternion=xyzw[picked]))
+            for path, numbers in self.numbers.items():
+                recording.send_columns(path, columns, rr.Scalars.columns(scalars=numbers[picked]))
+            for path, vectors in self.arrows.items():
+                recording.send_columns(path, columns, rr.Arrows3D.columns(vectors=vectors[picked]))
