@@ -70,7 +70,7 @@ class Parameter:
         if len(value) == self.count > 0 and self._allows(value):
             return value
         given = "needs a value" if text is None else f"cannot take the value {text!r}"
-        raise UsageError(f"the fault {fault} {given}: {self._allowed(fault)}")
+        raise UsageError(f"the fault {fault} {given}: it {'must be' if self.count else 'takes'} {self.allowed(fault)}")
 
     def _allows(self, value: Value) -> bool:
         """Whether the numbers are in range; NaN never is."""
@@ -78,17 +78,18 @@ class Parameter:
         short = self.count == 1 or math.hypot(*value) <= self.most
         return in_range and short and not (self.whole and any(number % 1 for number in value))
 
-    def _allowed(self, fault: str) -> str:
+    def allowed(self, fault: str) -> str:
+        """In words, what the value of `fault` may be."""
         if self.count == 0:
-            return "it takes none"
+            return "none"
         kind = "whole number" if self.whole else "number"
         unit = f" {self.unit}" if self.unit else ""
         if self.count > 1:
             example = ",".join(f"{number:g}" for number in self.default or ())
-            return f"it must be {self.count} {kind}s, a vector of at most {self.most:g}{unit}, as {fault}:{example}"
+            return f"{self.count} {kind}s, a vector of at most {self.most:g}{unit}, as {fault}:{example}"
         if math.isinf(self.most):
-            return f"it must be a {kind}, {self.least:g}{unit} or more"
-        return f"it must be a {kind} from {self.least:g} to {self.most:g}{unit}"
+            return f"a {kind}, {self.least:g}{unit} or more"
+        return f"a {kind} from {self.least:g} to {self.most:g}{unit}"
 
 
 NO_VALUE = Parameter(default=(), count=0)
@@ -99,7 +100,7 @@ class Cause:
     """One mistake: what it does to the samples of the message at fault, and what to tell its owner.
 
     `acts_on` says which samples `falsify` takes, as they should be, and returns, as they are sent; `undo` is its exact
-    inverse, and None where what was lost cannot come back:
+    inverse, and None where what was lost cannot come back. In `fix`, `{value}` stands for the value with its unit. Samples:
 
     - "quaternion": (N, 4), q_nb `[w, x, y, z]`
     - "rpy": (N, 3), roll, pitch, yaw, rad
@@ -207,7 +208,7 @@ _ROWS = (
         falsify=lambda q, factor: q * factor[0],
         undo=lambda q, factor: q / factor[0],
         parameter=Parameter(default=(1.05,), least=0.001, most=1000.0),
-        fix="Divide the quaternion by its norm before it is sent.",
+        fix="Divide the quaternion by its norm, {value}, before it is sent.",
         origin="A filter or integrator that never normalises, or a weighted sum taken for an interpolation.",
     ),
     Cause(
@@ -240,7 +241,7 @@ _ROWS = (
         acts_on="quaternion",
         **_offset(lambda q, yaw_deg: multiply(_turn_deg(0.0, 0.0, *yaw_deg), q)),
         parameter=Parameter(unit="deg", default=(12.0,), least=-180.0, most=180.0),
-        fix="Take this angle about down off the quaternion: both messages must use the same north.",
+        fix="Take {value} about down off the quaternion: both messages must use the same north.",
         origin="Magnetic declination applied on one side only, or a heading counted from a grid's or a camera's north.",
     ),
     Cause(
@@ -249,7 +250,7 @@ _ROWS = (
         acts_on="quaternion",
         **_offset(lambda q, rotvec_deg: multiply(q, _turn_deg(*rotvec_deg))),
         parameter=_rotation_vector((0.0, 4.0, 0.0)),
-        fix="Take this turn in body axes off the quaternion: both messages must mean the same body.",
+        fix="Take the turn {value} in body axes off the quaternion: both messages must mean the same body.",
         origin="A sensor or autopilot that sits askew, its alignment entered on one side only.",
     ),
     Cause(
@@ -258,7 +259,7 @@ _ROWS = (
         acts_on="time",
         **_offset(lambda time_ms, skew_ms: time_ms + skew_ms[0]),
         parameter=Parameter(unit="ms", default=(150.0,), least=-60_000.0, most=60_000.0, whole=True),
-        fix="Stamp the quaternion with the time at which it was measured: its time_boot_ms is off by this much.",
+        fix="Stamp the quaternion with the time at which it was measured: its time_boot_ms is off by {value}.",
         origin="A stamp set when the message is sent, behind a queue or a filter, or by another clock.",
     ),
     Cause(
@@ -365,7 +366,7 @@ _ROWS = (
         acts_on="quaternion",
         **_offset(lambda q, rotvec_deg: multiply(_turn_deg(*rotvec_deg), q)),
         parameter=_rotation_vector((4.0, 0.0, 0.0)),
-        fix="Take this turn in world axes off the quaternion: both messages must mean the same world.",
+        fix="Take the turn {value} in world axes off the quaternion: both messages must mean the same world.",
         origin="A local frame that was levelled or aligned on one side only, as of a camera or motion capture.",
     ),
     Cause(

@@ -1,0 +1,274 @@
+"""Every mistake of the causes' table put into recordings of real autopilots: is it found, how soon, and is it named?
+
+    python -m benchmarks.diagnosis                  # the project's own recordings; some five minutes on two cores
+    python -m benchmarks.diagnosis --more FOLDER    # and every .tlog in a folder
+    python -m benchmarks.diagnosis --every 10       # one case in ten
+
+Each case goes the way of `gcs-bridge check`: bytes in, report out. What the report says is held against SciPy, which
+undoes what was named on fields unpacked by hand (`tests/diagnosis_oracle.py`). Of the diagnosis of the first alarm:
+
+- right: one candidate, and it means the same as what was injected, for any motion
+- tied: several candidates, each of which SciPy undoes and finds to fit the samples from the onset to that diagnosis
+- unknown, or none: no name was given
+- wrong: anything else
+
+A fault that never shows more than the limit for two seconds (a turned sign of a roll that stays zero) has no alarm to
+raise and is left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests"))  # the oracle's home
+
+import diagnosis_oracle as oracle  # noqa: E402  # behind its home
+import wire  # noqa: E402
+
+import gcs_bridge  # noqa: E402
+from gcs_bridge import Monitor  # noqa: E402
+from gcs_bridge.causes import CAUSES  # noqa: E402
+from gcs_bridge.diagnosis import Window, diagnose  # noqa: E402
+from gcs_bridge.inject import inject, parse_fault  # noqa: E402
+
+STRENGTHS = {
+    "yaw_offset": ["1", "-5", "12", "30", "90", "180"],
+    "mount_offset": ["1,0,0", "0,4,0", "0,0,-5", "20,-10,5", "0,90,0"],
+    "world_offset": ["4,0,0", "3,-2,10"],
+    "time_skew": ["20", "-40", "150", "-250", "500"],
+    "quaternion_unnormalised": ["0.95", "1.05"],
+}
+FAULTS = [
+    fault
+    for cause in CAUSES.values()
+    if cause.falsify is not None
+    for fault in ([f"{cause.name}:{value}" for value in STRENGTHS.get(cause.name, [])] or [cause.name])
+]
+RATES = {  # as it is recorded, and at the rates that many users have
+    "as recorded": (),
+    "25/10 Hz": ("thin:ATTITUDE=25", "thin:ATTITUDE_QUATERNION=10"),
+    "10/4 Hz": ("thin:ATTITUDE=10", "thin:ATTITUDE_QUATERNION=4"),
+    "4/4 Hz": ("thin:ATTITUDE=4", "thin:ATTITUDE_QUATERNION=4"),
+}
+FROM_SHARE = 0.35  # of the recording, where the fault begins
+LIMIT_DEG = 0.52
+SHOWS_S = 2.0
+FITS_DEG = 0.3  # with interpolation in it
+ABOUT_THE_SAME_DEG, ABOUT_THE_SAME_SHARE = 0.3, 0.05  # of the value
+ABOUT_THE_SAME_MS = 5.0
+
+
+class Case(NamedTuple):
+    recording: Path
+    sysid: int
+    rate: str
+    fault: str
+
+
+class Result(NamedTuple):
+    case: Case
+    outcome: str  # right, tied, unknown, none, wrong, undetected, unseen
+    delay_s: float | None
+    told: str
+
+
+def recordings(more: Sequence[Path]) -> Iterator[tuple[Path, int]]:
+    """Recordings whose two forms agree, each with its systems that send both; says which others are left out."""
+    for facts in sorted((ROOT / "sitl_fixtures").glob("*.facts.json")):
+        told = json.loads(facts.read_text(encoding="utf-8"))
+        path = facts.with_name(facts.name.replace(".facts.json", ".tlog"))
+        if told["euler_quaternion"] == "agree":
+            for vehicle in told["vehicles"]:
+                yield from usable(path, int(vehicle.split(",")[0]))
+    for path in sorted(one for folder in more for one in folder.glob("*.tlog")):
+        for sysid in range(1, 8):
+            yield from usable(path, sysid)
+
+
+def usable(path: Path, sysid: int) -> Iterator[tuple[Path, int]]:
+    """The recording, if the oracle can walk it, and both forms are there and agree."""
+    try:
+        boots = oracle.boots(path.read_bytes(), sysid)
+        sent = max(boots, key=lambda boot: len(boot.t_euler_s))
+        if min(len(sent.t_euler_s), len(sent.t_quaternion_s)) < 60:
+            return
+        left_out = "" if len(boots) == 1 else "it restarts"
+        if float(np.quantile(oracle.disagreement(sent)[1], 0.9)) > 0.5:
+            left_out = "its two forms differ"
+    except (ValueError, IndexError):
+        left_out = "damaged"
+    if left_out:
+        print(f"left out: {path.name}, system {sysid}: {left_out}", file=sys.stderr)
+    else:
+        yield path, sysid
+
+
+def judge(case: Case) -> Result:
+    """Inject, check, compare."""
+    data = case.recording.read_bytes()
+    if RATES[case.rate]:
+        data = inject(data, [parse_fault(fault) for fault in RATES[case.rate]], sysid=case.sysid)
+    fault = parse_fault(case.fault)
+    times_us = [t_us for t_us, _ in wire.records(data)]
+    (healthy,) = oracle.boots(data, case.sysid)
+    data = inject(data, [fault], sysid=case.sysid, from_s=FROM_SHARE * (times_us[-1] - times_us[0]) / 1e6)
+    (sent,) = oracle.boots(data, case.sysid)
+    shows_s = _shows_s(sent, fault.name)
+    shows_s = shows_s[shows_s >= _begins_s(healthy, sent)]
+
+    monitor = Monitor(sysid=case.sysid)
+    events = monitor.feed_recording(data)
+    (file,) = monitor.close().to_dict()["files"]
+    vehicle = next(one for one in file["vehicles"] if one["sysid"] == case.sysid)
+    alarms = [one for one in vehicle["alarms"] if one["check"] in ("euler_quaternion", "quaternion_norm")]
+    if not alarms:
+        lasts_s = len(shows_s) * float(np.median(np.diff(sent.t_quaternion_s)))
+        return Result(case, "undetected" if lasts_s > SHOWS_S else "unseen", None, "")
+    alarm = alarms[0]
+    onset_s = _onset_s(shows_s, alarm["raised_boot_s"])
+    entry = alarm["diagnosis"]
+    told_s = [one["boot_s"] for one in events if one["event"] == "diagnosis" and one.get("id") == alarm["id"]]
+    window = sent.between(onset_s, told_s[-1] if told_s else np.inf)
+    outcome = _outcome(fault.name, fault.value, entry, window)
+    told = f"{entry['cause']} {entry['value']} {entry['confidence']} {entry['candidates']}" if entry else ""
+    return Result(case, outcome, alarm["raised_boot_s"] - onset_s, told)
+
+
+def _begins_s(healthy: oracle.Sent, sent: oracle.Sent) -> float:
+    """The first falsified sample's time."""
+    euler = (healthy.rpy_rad != sent.rpy_rad).any(axis=1)
+    quaternion = (healthy.wxyz != sent.wxyz).any(axis=1) | (healthy.t_quaternion_s != sent.t_quaternion_s)
+    return float(np.concatenate((healthy.t_euler_s[euler], healthy.t_quaternion_s[quaternion])).min())
+
+
+def _shows_s(sent: oracle.Sent, fault: str) -> oracle.Array:
+    """When the fault shows, by SciPy: times at which the limit is exceeded."""
+    if fault == "quaternion_unnormalised":
+        return sent.t_quaternion_s[np.abs(np.linalg.norm(sent.wxyz, axis=1) - 1) > 1e-2]
+    t_s, angle_deg = oracle.disagreement(sent)
+    return t_s[angle_deg > LIMIT_DEG]
+
+
+def _onset_s(shows_s: oracle.Array, raised_s: float) -> float:
+    """When the disagreement began that was raised then: it showed from there on with gaps of less than a second."""
+    before = shows_s[shows_s <= raised_s]
+    breaks = np.flatnonzero(np.diff(before) > 1.0)
+    return float(before[breaks[-1] + 1 if len(breaks) else 0]) if len(before) else raised_s
+
+
+def _outcome(name: str, value: tuple[float, ...], entry: dict[str, Any] | None, window: oracle.Sent) -> str:
+    if entry is None:
+        return "none"
+    if entry["cause"] == "unknown":
+        return "unknown"
+    if len(entry["candidates"]) > 1:
+        fit = all(oracle.leaves_deg(window, candidate) < FITS_DEG for candidate in entry["candidates"])
+        return "tied" if fit else "wrong"
+    return "right" if _means_the_same(name, value, entry) else "wrong"
+
+
+def _means_the_same(name: str, value: tuple[float, ...], entry: dict[str, Any]) -> bool:
+    """Whether the one mistake that is named is the one that was made, by its value or for every motion."""
+    told = entry["value"] if isinstance(entry["value"], list) else [entry["value"]]
+    needs_value = (*oracle.OFFSETS, "time_skew", "pitch_trim")
+    named = [(cause, told if cause in needs_value else []) for cause in entry["causes"]]
+    if name in ("time_skew", "quaternion_unnormalised"):
+        within = max(ABOUT_THE_SAME_MS, 0.05 * abs(value[0])) if name == "time_skew" else 1e-3
+        return bool(entry["causes"] == [name] and abs(told[0] - value[0]) <= within)
+    if name.startswith("frozen") or any(cause.startswith(("frozen", "time_skew")) for cause in entry["causes"]):
+        return bool(entry["causes"] == [name])
+    within = ABOUT_THE_SAME_DEG + ABOUT_THE_SAME_SHARE * float(np.linalg.norm(value or [0.0]))
+    return oracle.apart_deg([(name, value)], named) < within
+
+
+# --- tables ----------------------------------------------------------------------------------------------------------
+
+OUTCOMES = ("right", "tied", "unknown", "none", "wrong", "undetected")
+
+
+def table(results: Sequence[Result], title: str, key: Any) -> str:
+    lines = [f"| {title} | cases | s to the alarm, median (p95) | {' | '.join(OUTCOMES)} |", "| --- " * 9 + "|"]
+    groups = sorted({key(result) for result in results}, key=[key(result) for result in results].index)
+    for group in [*groups, "all"]:
+        mine = [result for result in results if group in ("all", key(result)) and result.outcome != "unseen"]
+        if not mine:
+            continue
+        delays = [result.delay_s for result in mine if result.delay_s is not None]
+        delay = "{:.2f} ({:.2f})".format(*np.quantile(delays, (0.5, 0.95))) if delays else ""
+        counts = [sum(result.outcome == outcome for result in mine) for outcome in OUTCOMES]
+        lines.append(f"| {group} | {len(mine)} | {delay} | {' | '.join(str(count or '') for count in counts)} |")
+    return "\n".join(lines)
+
+
+SPEED = {  # what is diagnosed → the faults that make it
+    "one mistake": ["quaternion_conjugate"],
+    "a turn": ["mount_offset:5,-9,14"],
+    "a lag": ["time_skew:150"],
+    "two mistakes": ["enu_flu", "yaw_sign"],
+    "a lag and a turn": ["time_skew:80", "mount_offset:5,-9,14"],
+    "none that is known": ["yaw_offset:12", "mount_offset:0,4,0", "quaternion_conjugate"],
+}
+
+
+def speed(times: int = 15) -> str:
+    """CPU time of one diagnosis of 2,000 pairs of acro at 50 Hz, median and slowest."""
+    lines = ["| 2,000 pairs | diagnosis | ms of CPU, median (slowest) |", "| --- | --- | --- |"]
+    data = (ROOT / "sitl_fixtures" / "b_copter_acro.tlog").read_bytes()
+    with tempfile.TemporaryDirectory() as folder:
+        for title, faults in SPEED.items():
+            path = Path(folder, "falsified.tlog")
+            path.write_bytes(inject(data, [parse_fault(fault) for fault in faults]))
+            vehicle = gcs_bridge.read(path).vehicles[1, 1]
+            window = Window(euler=vehicle.attitude, quaternion=vehicle.attitude_quaternion)
+            found = diagnose(window)
+            spent_s = []
+            for _ in range(times):
+                begun_s = time.process_time()
+                diagnose(window)
+                spent_s.append(time.process_time() - begun_s)
+            median, slowest = 1e3 * np.median(spent_s), 1e3 * max(spent_s)
+            lines.append(f"| {title} | {found.cause if found else ''} | {median:.0f} ({slowest:.0f}) |")
+    return "\n".join(lines)
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description="How well mistakes are detected and named.")
+    parser.add_argument("--more", type=Path, nargs="*", default=[], help="folders with more recordings")
+    parser.add_argument("--every", type=int, default=1, help="only each so manieth case")
+    parser.add_argument("--processes", type=int, default=2)
+    arguments = parser.parse_args(argv)
+    chosen = list(recordings(arguments.more))
+    cases = [Case(path, sysid, rate, fault) for (path, sysid), rate, fault in itertools.product(chosen, RATES, FAULTS)][
+        :: arguments.every
+    ]
+    begun_s = time.perf_counter()
+    with ProcessPoolExecutor(arguments.processes, initializer=os.nice, initargs=(19,)) as pool:
+        results = list(pool.map(judge, cases, chunksize=8))
+    print(table(results, "mistake", lambda result: result.case.fault.partition(":")[0]), end="\n\n")
+    print(table(results, "rates", lambda result: result.case.rate), end="\n\n")
+    print(table(results, "recording", lambda result: f"{result.case.recording.stem}, {result.case.sysid}"), end="\n\n")
+    print(speed(), end="\n\n")
+    unseen = sum(result.outcome == "unseen" for result in results)
+    print(f"{len(cases)} cases in {time.perf_counter() - begun_s:.0f} s; {unseen} of them do not show.")
+    for result in results:
+        if result.outcome in ("wrong", "none", "undetected"):
+            case = result.case
+            print(f"{result.outcome}: {case.recording.name} {case.sysid}, {case.rate}, {case.fault}: {result.told}")
+    return int(any(result.outcome == "wrong" for result in results))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

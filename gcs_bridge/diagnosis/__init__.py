@@ -1,0 +1,210 @@
+"""The convention doctor: which mistake explains why ATTITUDE and ATTITUDE_QUATERNION disagree.
+
+`diagnose` takes the samples of both messages as they were sent from the onset of the disagreement on, undoes each
+mistake of the causes' table on them, and names what leaves nothing. It never guesses: what the motion cannot tell apart
+is named together, with the motion that would tell. A pure function of its window; it knows no alarms and no streams.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from gcs_bridge.causes import CAUSES, Value
+from gcs_bridge.diagnosis import words
+from gcs_bridge.diagnosis.alone import at_fault, frozen, norm
+from gcs_bridge.diagnosis.decide import SHARP, Case, Tried, Verdict
+from gcs_bridge.diagnosis.hypotheses import NO_MISTAKE, Hypothesis, Mistakes
+from gcs_bridge.diagnosis.pairs import Window, pair, plain_attitude
+from gcs_bridge.settings import AlignmentSettings
+
+__all__ = ["Diagnosis", "Window", "diagnose", "plain_attitude"]
+
+Confidence = Literal["certain", "probable", "unknown"]
+
+_MAX_CANDIDATES = 4
+_LEAST_S = 1.0  # of data, before a constant or a lag is certain
+_RATE_CHANGES_RAD_S = math.radians(2.0)
+_LEAST_TURNING = 5  # pairs at another rate than the usual one
+_NORM_OFF = 1e-3  # floats are within 2e-7 of norm 1
+_PROBABLE_RAD, _PROBABLE_RATIO = math.radians(1.5), 10.0
+_PLANES = {"fixed_wing", "vtol_fixedrotor", "vtol_tailsitter", "vtol_tiltrotor"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """Which mistake explains a disagreement.
+
+    `causes` in the order of undoing, `values` beside them, each in its unit; `candidates`: all that explains and cannot
+    be told apart, at most four, the likeliest first. `side`: the message at fault, None where it can't be told.
+    `residual_deg`: the median of what is left; `next_best_deg`: what the best of the others would leave. `shape`: what
+    the unexplained looks like.
+    """
+
+    causes: tuple[str, ...]
+    confidence: Confidence
+    candidates: tuple[str, ...] = ()
+    values: tuple[Value, ...] = ()
+    side: Literal[30, 31] | None = None
+    residual_deg: float | None = None
+    next_best_deg: float | None = None
+    fix: str = ""
+    shape: str | None = None
+
+    @property
+    def cause(self) -> str:
+        """One name, or two joined by +."""
+        return "+".join(self.causes)
+
+    def entry(self) -> dict[str, Any]:
+        """As the contract's report shows it."""
+        told = [(name, value) for name, value in zip(self.causes, self.values, strict=True) if value]
+        name, value = told[0] if told else ("", ())
+        return {
+            "cause": self.cause,
+            "causes": list(self.causes),
+            "confidence": self.confidence,
+            "distinguishable": len(self.candidates) == 1,
+            "candidates": list(self.candidates),
+            "side": self.side,
+            "value": value[0] if len(value) == 1 else list(value) or None,
+            "unit": (CAUSES[name].unit if name in CAUSES else "deg") or None if name else None,
+            "residual": self.residual_deg,
+            "next_best": self.next_best_deg,
+            "fix": self.fix,
+        }
+
+
+def diagnose(window: Window, alignment: AlignmentSettings | None = None) -> Diagnosis | None:
+    """Name the mistake behind a window's disagreement; None: the two forms agree."""
+    with np.errstate(invalid="ignore"):  # rates that are no numbers
+        return _diagnosed(window, alignment or AlignmentSettings())
+
+
+def _diagnosed(window: Window, alignment: AlignmentSettings) -> Diagnosis | None:
+    pairing = pair(window, alignment)
+    length = norm(window.quaternion)
+    off_norm = (("quaternion_unnormalised", (length,)),) if abs(length - 1.0) > _NORM_OFF else ()
+    if not len(pairing):  # nothing to compare: what is left is the norm
+        return _named(Hypothesis(off_norm), "certain", side=31) if off_norm else None
+    stopped = frozen(pairing)
+    if stopped is not None:
+        name, moved = stopped
+        return _named(Hypothesis(((name, ()),)), "certain" if moved else "probable", side=CAUSES[name].message)
+    case = Case(pairing, alignment, clean=window.clean_before)
+    if case.agrees():
+        if off_norm:
+            return _named(Hypothesis(off_norm), "certain", side=31, residual_rad=case.median_rad)
+        if window.reset:
+            return _named(Hypothesis((("estimator_reset", ()),)), "probable", residual_rad=case.median_rad)
+        return None
+    verdict = case.decide(plane=window.autopilot == "ardupilot" and window.type in _PLANES)
+    if verdict.found:
+        return _explained(case, verdict, off_norm)
+    if case.enough and _stands_out(verdict):
+        return _probable(case, verdict, off_norm)
+    return _unknown(case, verdict)
+
+
+def _explained(case: Case, verdict: Verdict, off_norm: Mistakes) -> Diagnosis:
+    """What explains; more than one where the motion cannot tell."""
+    found = verdict.found
+    best = min(found, key=lambda tried: tried.score)
+    rest = [tried for tried in found if tried is not best][: _MAX_CANDIDATES - 1]
+    tied = [tried.hypothesis for tried in found if tried is best or tried in rest]
+    first = Hypothesis((*tied[0].mistakes, *off_norm))
+    fix = words.advice(first)
+    if len(tied) > 1:
+        names = " or ".join(one.name for one in tied)
+        motion = words.telling_motion([one.hypothesis for one in found], case.pairing)
+        fix = f"Not told apart yet: {names}. {motion} If it is the first: {fix}"
+    return _named(
+        first,
+        "certain" if len(tied) == 1 and best.score <= SHARP and _is_certain(case, first) else "probable",
+        candidates=tuple(one.name for one in tied),
+        side=at_fault(case.pairing, first) if len(tied) == 1 else None,
+        residual_rad=next(tried.median_rad for tried in found if tried.hypothesis is tied[0]),
+        next_best_rad=_left(verdict.next_best()),
+        fix=fix,
+    )
+
+
+def _left(tried: Tried | None) -> float | None:
+    return None if tried is None else tried.median_rad
+
+
+def _is_certain(case: Case, hypothesis: Hypothesis) -> bool:
+    """A constant or a lag needs some time and a change of rate, else anything may look like it."""
+    if not hypothesis.numbers:
+        return True
+    t_s, w = case.pairing.t_s, case.pairing.rates()
+    spread = np.sqrt(np.square(w - np.nanmedian(w, axis=0)).sum(axis=1))
+    return bool(t_s[-1] - t_s[0] >= _LEAST_S and (spread > _RATE_CHANGES_RAD_S).sum() >= _LEAST_TURNING)
+
+
+def _stands_out(verdict: Verdict) -> bool:
+    """Whether one leaves little and all others much more, though too much to be explained."""
+    following = verdict.next_best()
+    if following is None:
+        return False
+    best_rad = verdict.tried[0].median_rad
+    return best_rad < _PROBABLE_RAD and following.median_rad > _PROBABLE_RATIO * best_rad
+
+
+def _probable(case: Case, verdict: Verdict, off_norm: Mistakes) -> Diagnosis:
+    best = verdict.tried[0]
+    first = Hypothesis((*best.hypothesis.mistakes, *off_norm))
+    return _named(
+        first,
+        "probable",
+        side=at_fault(case.pairing, first),
+        residual_rad=best.median_rad,
+        next_best_rad=_left(verdict.next_best()),
+        fix=f"Probably, though it leaves {math.degrees(best.median_rad):.2g}°: {words.advice(first)}",
+    )
+
+
+def _unknown(case: Case, verdict: Verdict) -> Diagnosis:
+    shape, fix, nearest_rad = words.shape(case.pairing, case.as_sent), "Too little data yet to tell.", None
+    if case.enough and verdict.tried:
+        nearest = verdict.tried[0]
+        nearest_rad = nearest.median_rad
+        fix = (
+            f"{CAUSES['unknown'].fix} It is {shape}; the nearest mistake, {nearest.hypothesis.name}, leaves "
+            f"{math.degrees(nearest_rad):.2g}°."
+        )
+    return Diagnosis(
+        causes=("unknown",),
+        values=((),),
+        confidence="unknown",
+        side=at_fault(case.pairing, NO_MISTAKE),
+        residual_deg=math.degrees(case.median_rad),
+        next_best_deg=None if nearest_rad is None else math.degrees(nearest_rad),
+        shape=shape,
+        fix=fix,
+    )
+
+
+def _named(
+    hypothesis: Hypothesis,
+    confidence: Confidence,
+    *,
+    candidates: tuple[str, ...] | None = None,
+    side: Literal[30, 31] | None = None,
+    residual_rad: float | None = None,
+    next_best_rad: float | None = None,
+    fix: str | None = None,
+) -> Diagnosis:
+    return Diagnosis(
+        causes=hypothesis.causes,
+        values=tuple(value for _, value in hypothesis.mistakes),
+        confidence=confidence,
+        candidates=(hypothesis.name,) if candidates is None else candidates,
+        side=side,
+        residual_deg=None if residual_rad is None else math.degrees(residual_rad),
+        next_best_deg=None if next_best_rad is None else math.degrees(next_best_rad),
+        fix=words.advice(hypothesis) if fix is None else fix,
+    )

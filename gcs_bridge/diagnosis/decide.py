@@ -1,0 +1,285 @@
+"""Which mistakes explain a window: each is undone, and has to leave nothing.
+
+A hypothesis *explains* if what is left is within the noise and the bounds of the pairs, on all pairs and on those that
+disagree as sent (a fault that shows in turns only must be explained there). Among hypotheses that explain, those that
+leave about the same are *tied*: the motion cannot tell them apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge.causes import CAUSES
+from gcs_bridge.diagnosis import fits
+from gcs_bridge.diagnosis.hypotheses import NO_MISTAKE, PITCH_TRIM, SIMPLE, Hypothesis, apart_rad, doubles
+from gcs_bridge.diagnosis.pairs import Comparison, Pairing, set_back
+from gcs_bridge.settings import AlignmentSettings
+
+Floats = npt.NDArray[np.float64]
+Int64s = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+# Explained: by the median and the 90 % quantile of residual/(0.05° + 3 bound), and by the score, which is the latter
+# with the noise floor in place of the 0.05°. What explains is tied: within the bounds, better is not truer.
+_MEDIAN, _P90, _SCORE = 1.0, 2.0, 1.0
+_FLOOR_CLEAN_RAD, _FLOOR_RAD = np.radians(0.003), np.radians(0.03)
+_SCREEN = 3.0  # how much worse a hypothesis may look on some of the pairs to be tried on all
+_NAMED_RAD, _NAMED_MS = np.radians(0.2), 2.0  # what is this near to a simpler mistake gets its name
+# The right hypothesis scores less, but for one time in fifty. A worse one must stand up to two mistakes, and gives way
+# to those that score so many times less.
+SHARP, _GIVES_WAY = 0.25, 5.0
+_EXCUSED_RAD = np.radians(0.25)  # wide bounds excuse no larger median where something else fits so much better
+_BETTER = 0.5  # a hypothesis scores below this share of what no mistake at all scores
+_BAD_PAIRS = 3  # as many as the alarm asks for
+_SOME, _FEW = 240, 80  # pairs to screen and fit by, and to search by
+_LEAST, _LEAST_FITTED, _LEAST_TWO = 5, 8, 20  # pairs to decide by: no number, one mistake with numbers, two mistakes
+_USABLE_RAD = np.radians(1.0)  # a pair with a larger bound tells nothing
+_NEAR_RAD = np.radians(3.0)  # a lag not yet refined leaves no more
+_ABOUT_ONE, _ABOUT_ANY = (fits.YAW, *fits.MOUNT_ABOUT_ONE), (fits.MOUNT, fits.WORLD)
+_BAD_RAD = np.radians(0.5)  # beyond the bound: a pair disagrees as sent
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A hypothesis and what it leaves: the median residual, rad, whether it explains or may, and the score of ties."""
+
+    hypothesis: Hypothesis
+    median_rad: float
+    explains: bool
+    maybe: bool
+    score: float
+
+
+class Verdict(NamedTuple):
+    """`found`: what explains and cannot be told apart, the likeliest first; `tried`: all, what leaves least first."""
+
+    found: list[Tried]
+    tried: list[Tried]
+
+    def next_best(self) -> Tried | None:
+        """What leaves least of all that is not the same as something found."""
+        known = [one.hypothesis for one in self.found or self.tried[:1]]
+        return next((one for one in self.tried if not any(_covers(one.hypothesis, of) for of in known)), None)
+
+
+class Case:
+    """One window's pairs, and the hypotheses tried on them."""
+
+    def __init__(self, pairing: Pairing, alignment: AlignmentSettings, *, clean: bool) -> None:
+        """Look at the pairs as sent."""
+        self.pairing = pairing
+        self._alignment = alignment
+        self._floor_rad = _FLOOR_CLEAN_RAD if clean else _FLOOR_RAD
+        self.as_sent = pairing.compare([NO_MISTAKE])
+        residual, bound = self.as_sent.residual_rad[0], self.as_sent.bound_rad[0]
+        self.bad: Mask = residual > _BAD_RAD + bound
+        self._bad_samples = pairing.sample[self.bad]
+        self._some = pairing.where(_spread(self.bad, _SOME))
+        self._few = pairing.where(_spread(self.bad, _FEW))
+        self._skew_s = fits.skew_by_rates(self._few)
+        (self._as_sent,) = self._rated([NO_MISTAKE], pairing, self.as_sent)
+
+    @property
+    def median_rad(self) -> float:
+        """The median disagreement as sent, NaN without a pair."""
+        known = self.as_sent.residual_rad[0]
+        known = known[np.isfinite(known)]
+        return float(np.median(known)) if len(known) else np.nan
+
+    def agrees(self) -> bool:
+        """Whether there is nothing to explain."""
+        return self._as_sent.explains and self.bad.sum() < _BAD_PAIRS
+
+    @property
+    def enough(self) -> bool:
+        """Whether two mistakes could be told, or that it is none of the known ones."""
+        return int((self.as_sent.bound_rad <= _USABLE_RAD).sum()) >= _LEAST_TWO
+
+    def decide(self, *, plane: bool) -> Verdict:
+        """Try what is simple first; what is less so only where that explains nothing."""
+        some = self._some
+        one = fits.turned(some, [NO_MISTAKE], _ABOUT_ONE)
+        one += self._skewed()
+        if plane:
+            one.append(fits.with_pitch_trim(some, PITCH_TRIM.name))
+        tried = self._tried([*SIMPLE, *one])
+        found = self._tied(tried)
+        if all(one.hypothesis.numbers and one.hypothesis.name != "yaw_offset" for one in found):
+            # Until the vehicle turns, what looks like a turn of the body about one axis may be one of the world.
+            tried += self._tried(fits.turned(some, [NO_MISTAKE], _ABOUT_ANY))
+            found = self._tied(tried)
+        for make in (self._two, self._two_turned, self._turned_about_any_axis):
+            best = min((one.score for one in found), default=np.inf)
+            if best > SHARP:
+                more = self._tried(make())
+                found += [one for one in self._tied(more) if one.score * _GIVES_WAY < best]
+                tried += more
+        rest = sorted((one for one in tried if one.median_rad < np.inf), key=lambda one: one.median_rad)
+        return Verdict(found, rest)
+
+    # Hypotheses of two mistakes
+
+    def _two(self) -> list[Hypothesis]:
+        made = [*doubles(), *fits.turned(self._few, SIMPLE, _ABOUT_ONE)]
+        return [*made, *self._refined(SIMPLE)]
+
+    def _two_turned(self) -> list[Hypothesis]:
+        return self._skewed_and_turned(_ABOUT_ONE)
+
+    def _turned_about_any_axis(self) -> list[Hypothesis]:
+        return [*fits.turned(self._few, SIMPLE, _ABOUT_ANY), *self._skewed_and_turned(_ABOUT_ANY)]
+
+    def _skewed(self) -> list[Hypothesis]:
+        """A lag alone, from both ways to find one."""
+        starts = {fits.skew_by_attitude(self._few, self._alignment, NO_MISTAKE), self._skew_s}
+        return [self._refine(NO_MISTAKE, start) for start in sorted(start for start in starts if start)]
+
+    def _skewed_and_turned(self, turns: Sequence[fits.Turn]) -> list[Hypothesis]:
+        """A lag and a constant turn."""
+        if not self._skew_s:
+            return []
+        found = self._refined(fits.turned(self._back(self._few, self._skew_s), [NO_MISTAKE], turns))
+        return [  # each is seen better with the other undone
+            self._refine(turned, 1e-3 * one.skew_ms)
+            for one in found
+            for turned in fits.turned(self._back(self._few, 1e-3 * one.skew_ms), [NO_MISTAKE], turns)
+        ]
+
+    def _refined(self, bases: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Those of the bases that might explain with the stamps set back as the rates tell, with the lag refined."""
+        if not self._skew_s:
+            return []
+        skewed = [base.and_then("time_skew", 1e3 * self._skew_s) for base in bases]
+        tried = self._rate(skewed, self._few)
+        near = [i for i, one in enumerate(tried) if one.median_rad < _NEAR_RAD]
+        return [self._refine(bases[i], self._skew_s) for i in near]
+
+    def _refine(self, base: Hypothesis, start_s: float) -> Hypothesis:
+        skew_s = fits.refined_skew(self._few, self._alignment, base, start_s)
+        return Hypothesis((("time_skew", (1e3 * skew_s,)), *base.mistakes))
+
+    # Rating
+
+    def _tried(self, hypotheses: Sequence[Hypothesis]) -> list[Tried]:
+        """The hypotheses rated: by few of the pairs, by some and by all where the former say that they may explain."""
+        tried = self._rate(hypotheses, self._few)
+        for pairing in (self._some, self.pairing):
+            if len(pairing) > len(self._few):
+                again = iter(self._rate([one.hypothesis for one in tried if one.maybe], pairing))
+                tried = [next(again) if one.maybe else one for one in tried]
+        return tried
+
+    def _back(self, pairing: Pairing, skew_s: float) -> Pairing:
+        return set_back(pairing, np.array([skew_s]), self._alignment)[0] if skew_s else pairing
+
+    def _rate(self, hypotheses: Sequence[Hypothesis], pairing: Pairing) -> list[Tried]:
+        rated: dict[Hypothesis, Tried] = {}
+        for skew_ms in {hypothesis.skew_ms for hypothesis in hypotheses}:
+            group = [hypothesis for hypothesis in hypotheses if hypothesis.skew_ms == skew_ms]
+            shifted = self._back(pairing, 1e-3 * skew_ms)
+            rated |= zip(group, self._rated(group, shifted, shifted.compare(group)), strict=True)
+        return [rated[hypothesis] for hypothesis in hypotheses]
+
+    def _rated(self, hypotheses: Sequence[Hypothesis], pairing: Pairing, found: Comparison) -> list[Tried]:
+        residual, bound = found.residual_rad, found.bound_rad
+        known = np.isfinite(residual) & np.isfinite(bound)
+        usable = known & (bound <= _USABLE_RAD)
+        # What is sharp must be explained, what disagreed as sent, and what is not sharp must not deny it.
+        sets = (known, usable, usable & np.isin(pairing.sample, self._bad_samples))
+        scaled = residual / fits.scale_rad(bound)
+        floored = residual / (self._floor_rad + 3.0 * bound)
+        median, p90 = (_worst(scaled, sets, share) for share in (0.5, 0.9))
+        score = _worst(floored, sets, 0.9)
+        left = _quantile(residual, known, 0.5)
+        enough = usable.sum(axis=1) >= [_least_pairs(hypothesis) for hypothesis in hypotheses]
+        return [
+            Tried(
+                hypothesis,
+                float(left[i]) if enough[i] else np.inf,
+                bool(enough[i] and median[i] < _MEDIAN and p90[i] < _P90 and score[i] <= _SCORE),
+                bool(enough[i] and median[i] < _SCREEN * _MEDIAN and p90[i] < _SCREEN * _P90),
+                float(score[i]) if enough[i] else np.inf,
+            )
+            for i, hypothesis in enumerate(hypotheses)
+        ]
+
+    def _tied(self, tried: Sequence[Tried]) -> list[Tried]:
+        """Those that explain, and better than no mistake at all; of hypotheses that mean the same the simplest."""
+        good = [one for one in tried if one.explains and one.score < _BETTER * self._as_sent.score]
+        best = min((one.score for one in good), default=0.0)
+        tied = [one for one in good if one.median_rad < _EXCUSED_RAD or one.score <= _GIVES_WAY * best]
+        unique: dict[str, Tried] = {}
+        for one in sorted(tied, key=lambda one: (*_likeliest(one.hypothesis)[:2], one.score)):
+            named = replace(one, hypothesis=_by_name(one.hypothesis))
+            if not any(alike(named.hypothesis, other.hypothesis) for other in unique.values()):
+                unique.setdefault(named.hypothesis.name, named)
+        return sorted(unique.values(), key=lambda one: _likeliest(one.hypothesis))
+
+
+def _least_pairs(hypothesis: Hypothesis) -> int:
+    if len(hypothesis.mistakes) > 1 and hypothesis not in SIMPLE:
+        return _LEAST_TWO
+    return _LEAST_FITTED if hypothesis.numbers else _LEAST
+
+
+def _worst(values: Floats, sets: Sequence[Mask], share: float) -> Floats:
+    """The largest of a quantile over several sets."""
+    return np.asarray(np.fmax.reduce([_quantile(values, of, share) for of in sets]))
+
+
+def _quantile(values: Floats, of: Mask, share: float) -> Floats:
+    """A quantile of each row (m, k), of its marked places; NaN where these are too few to count."""
+    if not values.shape[1]:
+        return np.full(len(values), np.nan)
+    ordered = np.sort(np.where(of, values, np.inf), axis=1)
+    count = of.sum(axis=1)
+    place = np.rint(share * np.maximum(count - 1, 0)).astype(np.int64)
+    return np.where(count >= _LEAST, np.take_along_axis(ordered, place[:, None], axis=1)[:, 0], np.nan)
+
+
+def _by_name(hypothesis: Hypothesis) -> Hypothesis:
+    """A constant turn that is nearly a mistake without a value is that mistake."""
+    if not hypothesis.numbers:
+        return hypothesis
+    return next((simple for simple in SIMPLE if alike(simple, hypothesis)), hypothesis)
+
+
+def alike(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two hypotheses are nearly the same for every motion."""
+    return abs(one.skew_ms - other.skew_ms) < _NAMED_MS and apart_rad(one, other) < _NAMED_RAD
+
+
+def _covers(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether the first is the second or has it as a special case."""
+    return alike(one, other) or one.name == other.name or (one.name, other.name) == ("world_offset", "yaw_offset")
+
+
+def _spread(bad: Mask, count: int) -> Int64s:
+    """Places of `count` pairs, half of them among those that disagree, each half evenly chosen."""
+    if len(bad) <= count:
+        return np.arange(len(bad))
+    rows, good = np.flatnonzero(bad), np.flatnonzero(~bad)
+    n_bad = min(len(rows), max(count // 2, count - len(good)))
+    chosen = [_evenly(rows, n_bad), _evenly(good, count - n_bad)]
+    return np.sort(np.concatenate(chosen))
+
+
+def _evenly(rows: Int64s, count: int) -> Int64s:
+    return rows[np.linspace(0, len(rows) - 1, min(count, len(rows))).astype(np.int64)]
+
+
+_ORDER = {name: place for place, name in enumerate(CAUSES)}
+
+
+def _likeliest(hypothesis: Hypothesis) -> tuple[int, int, list[int]]:
+    """One mistake before two, few numbers before many, then the table's order: what is often met stands first there."""
+    return (
+        len(hypothesis.mistakes),
+        hypothesis.numbers,
+        sorted(_ORDER.get(name, len(_ORDER)) for name in hypothesis.causes),
+    )

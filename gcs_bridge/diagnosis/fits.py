@@ -1,0 +1,187 @@
+"""The numbers behind a disagreement: a constant turn of the world or of the body, and a lag."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge import attitude
+from gcs_bridge.diagnosis.hypotheses import NO_MISTAKE, Hypothesis
+from gcs_bridge.diagnosis.pairs import QUATERNION, Comparison, Pairing, set_back
+from gcs_bridge.settings import AlignmentSettings
+
+Floats = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+MAX_SKEW_S = 0.6
+_SKEW_STEP_S = 0.02
+_REWEIGHTED = 2
+_NOISE_RAD = np.radians(0.05)  # of a pair at one instant, for the weights
+
+
+def scale_rad(bound_rad: Floats) -> Floats:
+    """How far a pair may be off under the right hypothesis, rad: what a residual is measured by."""
+    return np.asarray(_NOISE_RAD + 3.0 * bound_rad)
+
+
+# --- constant turns --------------------------------------------------------------------------------------------------
+
+
+class Turn(NamedTuple):
+    """A kind of constant turn: the mistake's name, of body or world axes, about any of them (0) or x, y, z (1…3)."""
+
+    name: str
+    of_body: bool
+    about: int
+
+
+YAW = Turn("yaw_offset", of_body=False, about=3)
+MOUNT_ABOUT_ONE = tuple(Turn("mount_offset", of_body=True, about=axis) for axis in (1, 2, 3))
+MOUNT = Turn("mount_offset", of_body=True, about=0)
+WORLD = Turn("world_offset", of_body=False, about=0)
+
+
+def turned(pairing: Pairing, bases: Sequence[Hypothesis], turns: Sequence[Turn]) -> list[Hypothesis]:
+    """Each base with each turn that explains its rest best, one base after the other."""
+    found = pairing.compare(bases)
+    of_body, of_world = _deltas(found)
+    plain = _weights(found)
+    best = [_fitted_deg(of_body if turn.of_body else of_world, plain, turn.about) for turn in turns]
+    if pairing.slower != QUATERNION and not pairing.same.all():
+        # An interpolated quaternion is turned back before it is interpolated: what the first fit missed shows then.
+        for i, turn in enumerate(turns):
+            if turn.of_body:
+                undone = [base.and_then(turn.name, *v) for base, v in zip(bases, best[i], strict=True)]
+                again = pairing.compare(undone)
+                rest = _fitted_deg(_deltas(again)[0], _weights(again), turn.about)
+                best[i] = _composed_deg(rest, best[i])
+    return [
+        base.and_then(turn.name, *(v[row, 2:] if turn is YAW else v[row]).tolist())
+        for row, base in enumerate(bases)
+        for turn, v in zip(turns, best, strict=True)
+    ]
+
+
+def with_pitch_trim(pairing: Pairing, name: str) -> Hypothesis:
+    """The constant that was taken off ATTITUDE's pitch."""
+    trim_deg = 0.0
+    for _ in range(3):  # a turn about the body's y is a change of pitch only where there is no roll
+        found = pairing.compare([NO_MISTAKE.and_then(name, trim_deg)])
+        trim_deg += float(_fitted_deg(_deltas(found)[0], _weights(found), 2)[0, 1])
+    return NO_MISTAKE.and_then(name, trim_deg)
+
+
+def _deltas(found: Comparison) -> tuple[Floats, Floats]:
+    """The quaternion seen from the angles, in body and in world axes (m, k, 4); zeros where one is unknown."""
+    forth, back = found.q_quaternion, attitude.conjugate(found.q_euler)
+    of_body, of_world = attitude.multiply(back, forth), attitude.multiply(forth, back)
+    return np.nan_to_num(of_body), np.nan_to_num(of_world)
+
+
+def _weights(found: Comparison) -> Floats:
+    known = np.isfinite(found.residual_rad) & np.isfinite(found.bound_rad)
+    return np.where(known, 1.0 / np.square(scale_rad(np.where(known, found.bound_rad, 0.0))), 0.0)
+
+
+def _fitted_deg(delta: Floats, plain: Floats, about: int) -> Floats:
+    """The turns (m, 3), deg, that are the mean of (m, k, 4) by weights (m, k), from which outliers lose theirs."""
+    weight = plain
+    for _ in range(_REWEIGHTED):
+        mean = _mean(delta, weight, about)
+        cosine = np.abs((delta * mean[:, None, :]).sum(axis=-1))
+        off2 = 8.0 * np.maximum(1.0 - cosine, 0.0)  # the square of the angle between, near enough for a weight
+        weight = plain / (1.0 + off2 * plain)
+    return np.asarray(np.degrees(attitude.rotvec_from_quaternion(_mean(delta, weight, about))))
+
+
+def _mean(delta: Floats, weight: Floats, about: int) -> Floats:
+    """The mean (m, 4) of turns (m, k, 4), about any axis (0) or about x, y, z (1, 2, 3) alone (M19)."""
+    moments = np.swapaxes(delta * weight[..., None], 1, 2) @ delta
+    if about == 0:
+        return np.asarray(np.linalg.eigh(moments)[1][:, :, -1])
+    half = 0.5 * np.arctan2(2.0 * moments[:, 0, about], moments[:, 0, 0] - moments[:, about, about])
+    mean = np.zeros((len(half), 4))
+    mean[:, 0], mean[:, about] = np.cos(half), np.sin(half)
+    return mean
+
+
+def _composed_deg(first: Floats, second: Floats) -> Floats:
+    """Rotation vectors (m, 3), deg: first ⊗ second."""
+    a, b = (attitude.quaternion_from_rotvec(np.radians(v)) for v in (first, second))
+    return np.asarray(np.degrees(attitude.rotvec_from_quaternion(attitude.multiply(a, b))))
+
+
+# --- lag -------------------------------------------------------------------------------------------------------------
+
+
+def _skews() -> Floats:
+    """Where the search begins: in a step the fastest acro turns by 10°, which the refinement still finds back."""
+    return np.arange(-MAX_SKEW_S, MAX_SKEW_S + 0.5 * _SKEW_STEP_S, _SKEW_STEP_S)
+
+
+def skew_by_rates(pairing: Pairing) -> float | None:
+    """By how much the quaternion's stamps are late, s, as the two messages' body rates tell, which no mistake turns."""
+    slow, fast = pairing.streams[pairing.slower], pairing.streams[1 - pairing.slower]
+    own = slow.w_b_rad_s[pairing.sample]
+    sign = -1.0 if pairing.slower == QUATERNION else 1.0
+
+    def off(skews_s: Floats) -> tuple[Floats, Mask]:
+        """The differences of the rates (n, k, 3) for skews (n,), and where there are any (n, k)."""
+        at = pairing.t_s + sign * skews_s[:, None]
+        there = np.stack([np.interp(at, fast.t_s, fast.w_b_rad_s[:, axis]) for axis in range(3)], axis=-1)
+        inside = (at >= fast.t_s[0]) & (at <= fast.t_s[-1]) & np.isfinite(there - own).all(axis=-1)
+        return there - own, np.asarray(inside)
+
+    skews_s = _skews()
+    differ, inside = off(skews_s)
+    count = inside.sum(axis=1)
+    mean = np.where(inside, np.sqrt(np.square(differ).sum(axis=-1)), 0.0).sum(axis=1) / np.maximum(count, 1)
+    usable = count >= max(3, len(pairing) // 3)
+    if not usable.any() or float(mean[usable].max()) == 0.0:
+        return None
+    skew_s = float(skews_s[np.argmin(np.where(usable, mean, np.inf))])
+    for _ in range(4):  # regression on the change of rate, over a step to both sides
+        differ, inside = off(np.array([skew_s - 0.5 * _SKEW_STEP_S, skew_s, skew_s + 0.5 * _SKEW_STEP_S]))
+        slope = np.where(np.all(inside, axis=0)[:, None], (differ[2] - differ[0]) / _SKEW_STEP_S, 0.0)
+        power = float(np.square(slope).sum())
+        step_s = -float((slope * np.nan_to_num(differ[1])).sum()) / power if power else 0.0
+        skew_s += float(np.clip(step_s, -_SKEW_STEP_S, _SKEW_STEP_S))
+    return float(np.clip(skew_s, -MAX_SKEW_S, MAX_SKEW_S))
+
+
+def skew_by_attitude(pairing: Pairing, alignment: AlignmentSettings, base: Hypothesis) -> float:
+    """The same, s, as the attitudes under `base` tell: the best of a search, not yet refined."""
+    skews = _skews()
+    shifted, which = set_back(pairing, skews, alignment)
+    off = np.nan_to_num(shifted.compare([base]).residual_rad[0], nan=np.pi)
+    count = np.bincount(which, minlength=len(skews))
+    mean = np.bincount(which, weights=off, minlength=len(skews)) / np.maximum(count, 1)
+    mean[count < max(3, len(pairing) // 3)] = np.inf
+    return float(skews[int(np.argmin(mean))])
+
+
+def refined_skew(pairing: Pairing, alignment: AlignmentSettings, base: Hypothesis, skew_s: float) -> float:
+    """A skew brought nearer by regression of what is left on the rates, until it stands still."""
+    for _ in range(6):
+        shifted, _ = set_back(pairing, np.array([skew_s]), alignment)
+        if len(shifted) < 3:
+            return skew_s
+        found = shifted.compare([base])
+        delta = attitude.multiply(attitude.conjugate(found.q_euler[0]), found.q_quaternion[0])
+        rho, w = attitude.rotvec_from_quaternion(delta), shifted.rates()
+        scale = scale_rad(found.bound_rad[0])
+        off = np.sqrt(np.square(rho).sum(axis=1)) / scale
+        weight = 1.0 / (np.square(scale) * (1.0 + np.square(off / max(float(np.nanmedian(off)), 1.0))))
+        good = np.isfinite(weight) & np.isfinite(w).all(axis=1)
+        moved = float((weight[:, None] * w * rho)[good].sum())
+        power = float((weight[:, None] * w * w)[good].sum())
+        if power == 0.0:
+            return skew_s
+        step_s = -moved / power
+        skew_s = float(np.clip(skew_s + np.clip(step_s, -_SKEW_STEP_S, _SKEW_STEP_S), -MAX_SKEW_S, MAX_SKEW_S))
+        if abs(step_s) < 2e-5:
+            break
+    return skew_s

@@ -1,0 +1,158 @@
+"""What may be behind a disagreement: mistakes of the causes' table, alone or two at a time, and how they are undone."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge.attitude import angle_between, quaternion_from_rpy
+from gcs_bridge.causes import CAUSES, Cause, Parameter, Value
+
+Floats = npt.NDArray[np.float64]
+Mistakes = tuple[tuple[str, Value], ...]
+Side = Literal["rpy", "quaternion", "time"]
+
+PITCH_TRIM = Cause(
+    name="pitch_trim",
+    message=30,
+    acts_on="rpy",
+    falsify=lambda rpy, trim_deg: rpy - np.radians([0.0, *trim_deg, 0.0]),
+    undo=lambda rpy, trim_deg: rpy + np.radians([0.0, *trim_deg, 0.0]),
+    parameter=Parameter(unit="deg"),
+    fix="Nothing, if PTCH_TRIM_DEG is {value}: ArduPlane takes its pitch trim off ATTITUDE on purpose.",
+    origin="ArduPlane's pitch trim, which ATTITUDE has and the quaternion has not.",
+)
+"""No mistake, and so not in the table; but a turned body looks the same while a plane does not bank."""
+
+_ROWS = {**CAUSES, PITCH_TRIM.name: PITCH_TRIM}
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Mistakes with their values, in the order of undoing; none at all: that both messages are right."""
+
+    mistakes: Mistakes = ()
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """The mistakes' names."""
+        return tuple(name for name, _ in self.mistakes)
+
+    @property
+    def rows(self) -> tuple[Cause, ...]:
+        """The mistakes' rows in the table."""
+        return tuple(_ROWS[name] for name in self.causes)
+
+    @property
+    def name(self) -> str:
+        """As a report names it."""
+        return "+".join(self.causes)
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers had to be found for it."""
+        return sum(sum(number != 0.0 for number in value) for _, value in self.mistakes)
+
+    @property
+    def skew_ms(self) -> float:
+        """By how much the quaternion's stamps are late."""
+        return sum(value[0] for name, value in self.mistakes if name == "time_skew")
+
+    def and_then(self, name: str, *value: float) -> Hypothesis:
+        """This, and `name` undone after it."""
+        return Hypothesis((*self.mistakes, (name, value)))
+
+    def of(self, side: Side) -> Mistakes:
+        """The mistakes of one side alone."""
+        return tuple(mine for mine in self.mistakes if _ROWS[mine[0]].acts_on == side)
+
+    def undone(self, samples: Floats, side: Side) -> Floats:
+        """What was sent on one side → what should have been: angles (n, 3), rad; quaternions (n, 4); times (n,), ms."""
+        for row, (_, value) in zip(self.rows, self.mistakes, strict=True):
+            if row.acts_on == side:
+                assert row.undo is not None
+                samples = row.undo(samples, value)
+        return samples
+
+    def made(self, samples: Floats, side: Side) -> Floats:
+        """The way back: what should be sent → what is sent."""
+        for row, (_, value) in zip(reversed(self.rows), reversed(self.mistakes), strict=True):
+            if row.acts_on == side:
+                assert row.falsify is not None
+                samples = row.falsify(samples, value)
+        return samples
+
+
+NO_MISTAKE = Hypothesis()
+
+
+def _of(*names: str) -> Hypothesis:
+    return Hypothesis(tuple((name, ()) for name in names))
+
+
+_SINGLE = tuple(_of(row.name) for row in CAUSES.values() if row.undo is not None and row.parameter.count == 0)
+
+SIMPLE = (
+    *_SINGLE,
+    _of("quaternion_xyzw", "quaternion_conjugate"),
+    _of("euler_xyz_order", "quaternion_conjugate"),  # all three signs
+    _of("roll_sign", "pitch_sign"),
+    _of("roll_sign", "yaw_sign"),  # pitch and yaw together are nwu_flu
+)
+"""What has no value: the table's rows, and the pairs of them that are made as easily as one."""
+
+
+@functools.lru_cache(maxsize=512)
+def undoing(mistakes: Mistakes) -> Floats:
+    """What undoes mistakes of the quaternion, as all of them are linear in it: q_nb = sent @ this (4, 4)."""
+    return Hypothesis(mistakes).undone(np.eye(4), "quaternion")
+
+
+@functools.cache
+def doubles() -> tuple[Hypothesis, ...]:
+    """Any two mistakes without a value, in either order; what is the same for every motion only once."""
+    seen = {_signature(hypothesis) for hypothesis in (NO_MISTAKE, *SIMPLE)}
+    found = []
+    for hypothesis in _pairs():
+        signature = _signature(hypothesis)
+        if signature not in seen:
+            seen.add(signature)
+            found.append(hypothesis)
+    return tuple(found)
+
+
+def _pairs() -> Iterator[Hypothesis]:
+    for one in _SINGLE:
+        for other in _SINGLE:
+            if one is not other:
+                yield Hypothesis((*one.mistakes, *other.mistakes))
+
+
+# Some attitudes in general position: no two mistakes look alike on all of them.
+_ATTITUDES_RPY = np.array([(0.37 * i, 0.61 * np.sin(1.7 * i), 0.83 * i * i % 3.0 - 1.5) for i in range(1, 9)])
+
+
+def _agreeing(hypothesis: Hypothesis) -> Floats:
+    """The quaternions (n, 4) that agree with some fixed angles under a hypothesis."""
+    return hypothesis.made(quaternion_of_rpy(hypothesis.undone(_ATTITUDES_RPY, "rpy")), "quaternion")
+
+
+def _signature(hypothesis: Hypothesis) -> bytes:
+    """Equal for hypotheses that are the same for every motion: these quaternions, without their sign."""
+    q = _agreeing(hypothesis)
+    return (np.round(q[:, :, None] * q[:, None, :], 6) + 0.0).tobytes()
+
+
+def apart_rad(one: Hypothesis, other: Hypothesis) -> float:
+    """How far two hypotheses without a lag are from being the same, in general position, rad."""
+    return float(np.max(angle_between(_agreeing(one), _agreeing(other))))
+
+
+def quaternion_of_rpy(rpy_rad: npt.NDArray[Any]) -> Floats:
+    """Roll, pitch, yaw (..., 3), rad → q_nb (..., 4): the plain reading, intrinsic Z-Y-X (M11)."""
+    return quaternion_from_rpy(roll_rad=rpy_rad[..., 0], pitch_rad=rpy_rad[..., 1], yaw_rad=rpy_rad[..., 2])

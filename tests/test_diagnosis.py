@@ -1,0 +1,476 @@
+"""The convention doctor: mistakes put into recordings of real autopilots, and motions that cannot tell them apart."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import diagnosis_oracle as oracle
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from wire import Motion
+
+import gcs_bridge
+from gcs_bridge.causes import CAUSES
+from gcs_bridge.diagnosis import Diagnosis, Window, diagnose
+from gcs_bridge.inject import inject, parse_fault
+from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples
+
+Array = NDArray[np.float64]
+SITL = Path(__file__).parents[1] / "sitl_fixtures"
+
+
+# --- windows ---------------------------------------------------------------------------------------------------------
+
+
+@cache
+def read(path: Path) -> Any:
+    return gcs_bridge.read(path)
+
+
+def window(path: Path, key: tuple[int, int] = (1, 1), *, from_s: float = 0.0, to_s: float = 1e6, **more: Any) -> Window:
+    """The samples of a recording's longest boot, by the boot clock."""
+    vehicle = read(path).vehicles[key]
+    both = vehicle.attitude, vehicle.attitude_quaternion
+    boot = np.bincount(vehicle.attitude.boot).argmax()
+    chosen = [s[(s.boot == boot) & (s.t_boot_us >= from_s * 1e6) & (s.t_boot_us <= to_s * 1e6)] for s in both]
+    return Window(euler=chosen[0], quaternion=chosen[1], **more)
+
+
+def told(found: Diagnosis | None) -> Diagnosis:
+    assert found is not None
+    return found
+
+
+def samples(t_s: Array, attitude: Rotation | Array, rates: Array, source: str) -> AttitudeSamples:
+    """Samples of a rotation, or of angles or quaternions as they are to be sent, in float32 as on the wire."""
+    n = len(t_s)
+    if isinstance(attitude, Rotation):
+        sent = attitude.as_euler("ZYX")[:, ::-1] if source == ATTITUDE else attitude.as_quat()[:, [3, 0, 1, 2]]
+    else:
+        sent = attitude
+    sent = sent.astype(np.float32).astype(np.float64)
+    t_us = np.rint(t_s * 1000).astype(np.int64) * 1000
+    zeros, valid = np.zeros(n, np.int64), np.ones(n, np.bool_)
+    q = np.zeros((n, 4)) if source == ATTITUDE else sent
+    rpy = sent if source == ATTITUDE else None
+    return AttitudeSamples(t_us, zeros, zeros - 1, q, rates, valid, source, rpy)
+
+
+def made(t_s: Array, true: Rotation, rates: Array, *, rpy: Array | None = None, wxyz: Array | None = None) -> Window:
+    """A window of a vehicle that moves so, with other angles or quaternions where some are given."""
+    euler = samples(t_s, true if rpy is None else rpy, rates, ATTITUDE)
+    quaternion = samples(t_s, true if wxyz is None else wxyz, rates, ATTITUDE_QUATERNION)
+    return Window(euler=euler, quaternion=quaternion, clean_before=True)
+
+
+def turning(yaw_deg: Array, *, roll_deg: float | Array = 0.0, pitch_deg: float | Array = 0.0, hz: float = 25.0) -> Any:
+    """Times, attitude and rates of a vehicle that leans constantly and whose yaw goes so."""
+    t_s = 10.0 + np.arange(len(yaw_deg)) / hz
+    lean = np.broadcast_to(np.stack(np.broadcast_arrays(pitch_deg, roll_deg), axis=-1), (len(yaw_deg), 2))
+    true = Rotation.from_euler("ZYX", np.column_stack((yaw_deg, lean)), degrees=True)
+    rates = np.gradient(np.unwrap(np.radians(yaw_deg)), 1 / hz)[:, None] * true.inv().apply([0, 0, 1])
+    return t_s, true, rates
+
+
+def wxyz(true: Rotation) -> Array:
+    q: Array = true.as_quat()[:, [3, 0, 1, 2]]
+    return q
+
+
+def rpy(true: Rotation) -> Array:
+    angles: Array = true.as_euler("ZYX")[:, ::-1]
+    return angles
+
+
+def sent_of(of: Window) -> oracle.Sent:
+    """The window's fields for the oracle."""
+    assert of.euler.rpy_rad is not None
+    return oracle.Sent(of.euler.t_boot_us / 1e6, of.euler.rpy_rad, of.quaternion.t_boot_us / 1e6, of.quaternion.q_nb)
+
+
+# --- each cause ------------------------------------------------------------------------------------------------------
+
+FAULTS = [cause.name for cause in CAUSES.values() if cause.falsify is not None]
+RATES = {
+    "as it is": (),
+    "10 and 4 Hz": ("thin:ATTITUDE=10", "thin:ATTITUDE_QUATERNION=4"),
+    "4 Hz": ("thin:ATTITUDE=4",),
+}
+# Where the flight has motion in it: name → first attitude's boot time, and seconds after it.
+FLIGHTS = {"b_copter_acro": (175.563, 20.0), "a_copter_square": (9.0, 45.0)}
+
+
+def injected(folder: Path, name: str, *faults: str, **scope: Any) -> Path:
+    path = folder / "falsified.tlog"
+    path.write_bytes(inject((SITL / f"{name}.tlog").read_bytes(), [parse_fault(fault) for fault in faults], **scope))
+    read.cache_clear()
+    return path
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(("name", "rates"), [*((f, "as it is") for f in FLIGHTS), ("b_copter_acro", "10 and 4 Hz")])
+def test_each_cause_is_named(tmp_path: Path, name: str, rates: str, fault: str) -> None:
+    """In flight each mistake of the table is named, alone and with its value, at full rate and at common ones."""
+    first_s, after_s = FLIGHTS[name]
+    path = injected(tmp_path, name, *RATES[rates], fault, from_s=after_s)
+    found = told(diagnose(window(path, from_s=first_s + after_s + 1.0)))
+    assert found.causes == (fault,)
+    assert found.confidence == "certain"
+    assert found.candidates == (fault,)
+    value = CAUSES[fault].parameter.default or ()
+    assert len(found.values[0]) == len(value)
+    tolerance = 5.0 if fault == "time_skew" else 0.2
+    np.testing.assert_allclose(found.values[0], value, atol=tolerance if fault != "quaternion_unnormalised" else 1e-3)
+    if CAUSES[fault].undo is not None:
+        assert found.residual_deg is not None
+        assert found.residual_deg < 0.1
+
+
+@pytest.mark.parametrize(
+    ("fault", "value"),
+    [
+        *(("yaw_offset", (v,)) for v in (1.0, -5.0, 30.0, 90.0, 180.0)),
+        *(("mount_offset", v) for v in ((1.0, 0, 0), (0, 0, -5.0), (0, 90.0, 0), (20.0, -10.0, 5.0), (0.7, 0.7, -0.3))),
+        *(("time_skew", (v,)) for v in (20.0, -40.0, 100.0, -250.0, 500.0)),
+        *(("quaternion_unnormalised", (v,)) for v in (0.9, 1.01, 2.0)),
+        ("world_offset", (3.0, -2.0, 10.0)),
+    ],
+)
+def test_values(tmp_path: Path, fault: str, value: tuple[float, ...]) -> None:
+    """Yaw from 1 to 180°, mounts from 1 to 90° about any axis, lags from 20 to 500 ms: to 0.2° and 2 ms."""
+    given = ",".join(f"{number:g}" for number in value)
+    path = injected(tmp_path, "b_copter_acro", f"{fault}:{given}", from_s=20.0)
+    found = told(diagnose(window(path, from_s=196.6)))
+    assert (found.causes, found.confidence) == ((fault,), "certain")
+    seen = np.array(found.values[0])
+    if fault == "yaw_offset" and abs(value[0]) == 180:  # either way round
+        seen = np.abs(seen)
+    np.testing.assert_allclose(seen, value, atol=2.0 if fault == "time_skew" else 0.2)
+
+
+TWO = [
+    ("time_skew:80", "yaw_offset:-7"),
+    ("quaternion_conjugate", "time_skew:-120"),
+    ("enu_flu", "yaw_offset:15"),
+    ("roll_sign", "mount_offset:5,-9,14"),
+    ("yaw_sign", "quaternion_xyzw"),
+]
+
+
+@pytest.mark.parametrize("faults", TWO, ids="+".join)
+def test_two_causes(tmp_path: Path, faults: tuple[str, str]) -> None:
+    """Two mistakes at once are named, in the order of undoing: for any motion the same as what was injected."""
+    path = injected(tmp_path, "b_copter_acro", *faults, from_s=20.0)
+    found = told(diagnose(window(path, from_s=196.6)))
+    assert found.confidence == "certain"
+    assert found.cause == "+".join(found.causes)
+    truth = [(fault.name, fault.value) for fault in map(parse_fault, reversed(faults))]
+    named = list(zip(found.causes, found.values, strict=True))
+    assert oracle.apart_deg(truth, named) < 0.3
+    skew = [dict(one).get("time_skew", (0.0,))[0] for one in (truth, named)]
+    assert skew[1] == pytest.approx(skew[0], abs=3)
+
+
+@pytest.mark.parametrize(
+    ("signs", "cause"),
+    [
+        ((1, -1, -1), "nwu_flu"),  # pitch and yaw
+        ((-1, -1, -1), "euler_xyz_order+quaternion_conjugate"),
+    ],
+)
+def test_what_is_never_apart_has_the_simpler_name(signs: Sequence[int], cause: str) -> None:
+    """Signs that are for all motion the same as another mistake are named as that one."""
+    motion = Motion(20.0, seed=3)
+    t_s = np.arange(0.0, 20.0, 0.04)
+    found = told(diagnose(made(t_s, motion.rotation(t_s), motion.rates(t_s), rpy=motion.rpy(t_s) * signs)))
+    assert (found.cause, found.confidence) == (cause, "certain")
+
+
+def test_the_wrong_order_of_axes_is_not_three_mistakes() -> None:
+    """X-Y-Z order is the same as all signs and a conjugate: one mistake is named."""
+    motion = Motion(20.0, seed=3)
+    t_s = np.arange(0.0, 20.0, 0.04)
+    q = motion.wxyz(t_s) * [1, -1, -1, -1]
+    found = told(diagnose(made(t_s, motion.rotation(t_s), motion.rates(t_s), rpy=-motion.rpy(t_s), wxyz=q)))
+    assert found.cause == "euler_xyz_order"
+
+
+# --- nothing to name -------------------------------------------------------------------------------------------------
+
+HEALTHY = sorted(
+    (path.name.removesuffix(".facts.json"), tuple(map(int, vehicle.split(","))))
+    for path in SITL.glob("*.facts.json")
+    for vehicle, facts in json.loads(path.read_text(encoding="utf-8"))["vehicles"].items()
+    if json.loads(path.read_text(encoding="utf-8"))["euler_quaternion"] == "agree"
+)
+
+
+@pytest.mark.parametrize(("name", "key"), HEALTHY)
+def test_healthy_recordings_have_no_diagnosis(name: str, key: tuple[int, int]) -> None:
+    """Where both forms agree there is no mistake to name."""
+    assert diagnose(window(SITL / f"{name}.tlog", key)) is None
+
+
+def test_a_reset_in_both_is_no_mistake() -> None:
+    """Both agree and both stepped: the estimator was reset, and nothing is to be converted."""
+    found = told(diagnose(window(SITL / "k12_yaw_reset.tlog", reset=True)))
+    assert (found.cause, found.side) == ("estimator_reset", None)
+
+
+def test_no_sample_of_one_message() -> None:
+    """Where nothing can be compared nothing is named."""
+    whole = window(SITL / "a_copter_square.tlog")
+    for absent in (replace(whole, euler=whole.euler[:0]), replace(whole, quaternion=whole.quaternion[:0])):
+        assert diagnose(absent) is None
+
+
+def drifting(t_s: Array) -> Rotation:
+    return Rotation.from_euler("z", (3.0 + 0.5 * (t_s - t_s[0]))[:, None], degrees=True)
+
+
+def test_a_drift_is_unknown() -> None:
+    """A yaw error that grows by half a degree a second is none of the mistakes, and its rate is told: 30° a minute."""
+    motion = Motion(40.0, seed=4)
+    t_s = np.arange(0.0, 40.0, 0.04)
+    true = motion.rotation(t_s)
+    found = told(diagnose(made(t_s, true, motion.rates(t_s), wxyz=wxyz(drifting(t_s) * true))))
+    assert (found.cause, found.confidence, found.candidates) == ("unknown", "unknown", ())
+    assert found.shape == "drifting by 30° a minute"
+    assert found.shape in found.fix
+
+
+def test_three_mistakes_are_unknown() -> None:
+    """What no one and no two mistakes explain is not forced into a name."""
+    motion = Motion(30.0, seed=5)
+    t_s = np.arange(0.0, 30.0, 0.04)
+    true = motion.rotation(t_s)
+    q = (Rotation.from_euler("z", 10, degrees=True) * true * Rotation.from_euler("x", 6, degrees=True)).inv()
+    found = told(diagnose(made(t_s, true, motion.rates(t_s), rpy=motion.rpy(t_s) * [-1, 1, 1], wxyz=wxyz(q))))
+    assert found.cause == "unknown"
+
+
+def test_two_offsets_are_not_taken_for_one(tmp_path: Path) -> None:
+    """A yaw and a mount offset together are no single one, though at 10 and 4 Hz one would leave only 0.3°."""
+    path = injected(tmp_path, "p_px4_quad_square", *RATES["10 and 4 Hz"], "yaw_offset:12", "mount_offset:0,4,0")
+    assert told(diagnose(window(path, from_s=35.0))).cause == "unknown"
+
+
+# --- what the motion cannot tell -------------------------------------------------------------------------------------
+
+BENCH = [  # roll and pitch in degrees, yaw as it goes, what was sent, and which of the candidates is the truth
+    ("level, yawing", 0.0, np.linspace(20, 80, 250), "yaw_sign"),
+    ("level, yawing", 0.0, np.linspace(20, 80, 250), "quaternion_conjugate"),
+    ("level, yawing", 0.0, np.linspace(20, 80, 250), "nwu_flu"),
+    ("level, yawing", 0.0, np.linspace(20, 80, 250), "yaw_offset"),
+    ("level, still", 0.0, np.full(250, 50.0), "yaw_sign"),
+    ("level, still", 0.0, np.full(250, 50.0), "yaw_offset"),
+    ("level, still", 0.0, np.full(250, 50.0), "quaternion_conjugate"),
+    ("steadily banked, yawing", 20.0, np.linspace(20, 80, 250), "roll_sign"),
+]
+
+
+def mistaken(fault: str, true: Rotation) -> dict[str, Array]:
+    """The angles or quaternions that a mistake sends, by SciPy."""
+    if fault in oracle.RPY:
+        return {"rpy": oracle.RPY[fault](rpy(true))}  # signs are their own inverse
+    return {"wxyz": wxyz(oracle._made(true, fault, (12.0,)))}
+
+
+@pytest.mark.parametrize(("how", "roll_deg", "yaw_deg", "fault"), BENCH, ids=[f"{b[0]}: {b[3]}" for b in BENCH])
+def test_a_bench_cannot_tell(how: str, roll_deg: float, yaw_deg: Array, fault: str) -> None:
+    """Two to four candidates are named, the truth and others; SciPy undoes each, and each fits; the fix is a motion."""
+    t_s, true, rates = turning(yaw_deg, roll_deg=roll_deg)
+    of = made(t_s, true, rates, **mistaken(fault, true))
+    found = told(diagnose(of))
+    assert 2 <= len(found.candidates) <= 4
+    assert fault in found.candidates
+    assert (found.confidence, found.side) == ("probable", None)
+    for candidate in found.candidates:
+        assert oracle.leaves_deg(sent_of(of), candidate) < 0.1, candidate
+    assert "Not told apart yet" in found.fix
+    assert "that will tell" in found.fix
+    entry = found.entry()
+    assert (entry["distinguishable"], entry["candidates"]) == (False, list(found.candidates))
+
+
+@pytest.mark.parametrize("fault", ["yaw_sign", "quaternion_conjugate", "nwu_flu", "enu_rfu", "yaw_offset"])
+def test_a_yaw_turn_in_hover_tells(fault: str) -> None:
+    """A turn by 60° while leaning by 2°, as in any hover, leaves one candidate alone."""
+    yaw_deg = 50 + 30 * np.sin(np.linspace(0, 6, 250))
+    t_s, true, rates = turning(yaw_deg, roll_deg=2.0, pitch_deg=-1.5)
+    found = told(diagnose(made(t_s, true, rates, **mistaken(fault, true))))
+    assert (found.causes, found.confidence) == ((fault,), "certain")
+
+
+def test_the_motion_that_is_advised_tells() -> None:
+    """After the very motion that the fix names the candidates are no longer tied."""
+    t_s, true, rates = turning(np.linspace(20, 80, 250))
+    fix = told(diagnose(made(t_s, true, rates, **mistaken("yaw_sign", true)))).fix
+    advised = {
+        axis.lower(): float(size) for axis, size in re.findall(r"(roll|pitch|yaw) by (\d+)°", fix, re.IGNORECASE)
+    }
+    assert 0 < sum(advised.values()) <= 10
+    slowly = np.concatenate((np.zeros(250), np.linspace(0, 1, 25), np.ones(50)))
+    yaw_deg = np.concatenate((np.linspace(20, 80, 250), np.full(75, 80.0))) + advised.get("yaw", 0.0) * slowly
+    lean = {f"{axis}_deg": advised.get(axis, 0.0) * slowly for axis in ("roll", "pitch")}
+    t_s, true, rates = turning(yaw_deg, **lean)
+    assert told(diagnose(made(t_s, true, rates, **mistaken("yaw_sign", true)))).candidates == ("yaw_sign",)
+
+
+def test_a_lag_looks_like_an_offset_in_a_steady_turn() -> None:
+    """At 20 °/s, 150 ms are 3° of yaw; once the turn ends the lag alone fits."""
+    ramp = np.arange(250) * 20 / 25
+    lag = np.rint(0.15 * 1000) / 1000
+    t_s, true, rates = turning(ramp)
+    steady = made(t_s, true, rates)
+    late = replace(
+        steady, quaternion=replace(steady.quaternion, t_boot_us=steady.quaternion.t_boot_us + int(lag * 1e6))
+    )
+    found = told(diagnose(late))
+    assert {"time_skew", "yaw_offset"} <= set(found.candidates)
+    assert found.confidence == "probable"
+    t_s, true, rates = turning(np.concatenate((ramp, np.full(100, ramp[-1]))))
+    ended = made(t_s, true, rates)
+    late = replace(ended, quaternion=replace(ended.quaternion, t_boot_us=ended.quaternion.t_boot_us + int(lag * 1e6)))
+    found = told(diagnose(late))
+    assert found.causes == ("time_skew",)
+    assert found.values[0][0] == pytest.approx(150, abs=2)
+
+
+def test_the_few_turns_of_a_long_rest_decide() -> None:
+    """A minute at rest agrees with any turned sign; a lag that shows in three seconds of turning is still told."""
+    yaw_deg = np.concatenate((np.full(1500, 30.0), 30 + 20 * (1 - np.cos(np.linspace(0, 4 * np.pi, 75)))))
+    t_s, true, rates = turning(yaw_deg, roll_deg=0.01)
+    of = made(t_s, true, rates)
+    late = replace(of, quaternion=replace(of.quaternion, t_boot_us=of.quaternion.t_boot_us + 120_000))
+    found = told(diagnose(late))
+    assert (found.causes, found.confidence) == (("time_skew",), "certain")
+    assert found.values[0][0] == pytest.approx(120, abs=2)
+
+
+def test_what_explains_no_better_than_nothing_is_no_candidate(tmp_path: Path) -> None:
+    """At 10 and 4 Hz in acro the bounds are as wide as 1° of mount offset: yet that is not taken for a lag."""
+    path = injected(tmp_path, "b2_mixed_rates", *RATES["10 and 4 Hz"], "mount_offset:1,0,0")
+    assert told(diagnose(window(path, from_s=105.2, to_s=108.2))).candidates == ("mount_offset",)
+
+
+def test_too_short_to_be_certain(tmp_path: Path) -> None:
+    """Within a second, or without a change of rate, a constant is at most probable."""
+    path = injected(tmp_path, "b_copter_acro", "yaw_offset:12", from_s=20.0)
+    short = diagnose(window(path, from_s=196.6, to_s=197.4))
+    assert short is None or short.confidence != "certain"
+    t_s, true, rates = turning(np.full(250, 50.0), roll_deg=15.0)
+    still = told(diagnose(made(t_s, true, rates, **mistaken("yaw_offset", true))))
+    assert still.confidence == "probable"
+
+
+# --- planes ----------------------------------------------------------------------------------------------------------
+
+PLANE = {"autopilot": "ardupilot", "type": "fixed_wing"}
+
+
+def test_a_pitch_trim_may_be_a_mount_offset() -> None:
+    """On a plane that did not bank both are named; on a copter there is no such trim."""
+    t_s, true, rates = turning(np.linspace(0, 90, 250), pitch_deg=4.0)
+    of = made(t_s, true, rates, rpy=rpy(true) - np.radians([0, 3.0, 0]))
+    assert set(told(diagnose(replace(of, **PLANE))).candidates) >= {"mount_offset", "pitch_trim"}
+    assert "pitch_trim" not in told(diagnose(of)).candidates
+
+
+def test_a_bank_tells_a_pitch_trim() -> None:
+    """A real plane in banked flight with PTCH_TRIM_DEG 3: the trim alone fits."""
+    found = told(diagnose(window(SITL / "d_plane_pitchtrim3.tlog", **PLANE)))
+    assert found.causes == ("pitch_trim",)
+    assert found.values[0][0] == pytest.approx(3, abs=0.1)
+
+
+def test_expected_differences_are_undone_under_each_hypothesis(tmp_path: Path) -> None:
+    """With the trim known, 5° of yaw on top of it are found, and so is a pitch sign, made behind the trim."""
+
+    def trimmed(angles: Array, _: Any) -> Array:
+        return wxyz(oracle.euler_rotation(angles + np.radians([0, 3.0, 0])))
+
+    for fault in ("yaw_offset:5", "pitch_sign"):
+        path = injected(tmp_path, "d_plane_pitchtrim3", fault)
+        found = told(diagnose(window(path, attitude_of=trimmed, **PLANE)))
+        assert (found.causes, found.confidence) == ((fault.split(":")[0],), "certain")
+
+
+# --- the rest of the answer ------------------------------------------------------------------------------------------
+
+
+def test_which_message_is_at_fault() -> None:
+    """A body that is turned on ATTITUDE's side is told by that message's own rates, a turned world never."""
+    motion = Motion(20.0, seed=6)
+    t_s = np.arange(0.0, 20.0, 0.04)
+    true, rates = motion.rotation(t_s), motion.rates(t_s)
+    turned = true * Rotation.from_euler("y", 20, degrees=True)
+    assert told(diagnose(made(t_s, true, rates, wxyz=wxyz(turned)))).side == 31
+    assert told(diagnose(made(t_s, true, rates, rpy=rpy(turned)))).side == 30
+    north = Rotation.from_euler("z", 12, degrees=True) * true
+    assert told(diagnose(made(t_s, true, rates, wxyz=wxyz(north)))).side is None
+
+
+def test_frozen_needs_motion_to_be_certain() -> None:
+    """A quaternion that stands still bit by bit while the angles' last digits move is probably frozen, no offset."""
+    t_s, true, rates = turning(50 + 1e-4 * np.sin(np.arange(250)))
+    held = np.repeat(wxyz(Rotation.from_euler("z", [[30]], degrees=True)), 250, axis=0)
+    of = made(t_s, true, rates, wxyz=held)
+    still = replace(of, quaternion=replace(of.quaternion, w_nb_b_rad_s=np.zeros((250, 3))))
+    found = told(diagnose(still))
+    assert (found.causes, found.confidence, found.side) == (("frozen_quaternion",), "probable", 31)
+
+
+def test_a_norm_beside_another_mistake(tmp_path: Path) -> None:
+    """A conjugate of norm 1.05 is two mistakes, and the value is the norm."""
+    path = injected(tmp_path, "b_copter_acro", "quaternion_conjugate", "quaternion_unnormalised:1.05", from_s=20.0)
+    found = told(diagnose(window(path, from_s=196.6)))
+    assert found.causes == ("quaternion_conjugate", "quaternion_unnormalised")
+    assert found.entry()["value"] == pytest.approx(1.05, abs=1e-4)
+
+
+def test_order_of_arrival_repetitions_and_gaps_change_nothing(tmp_path: Path) -> None:
+    """Samples in any order, some twice and some that are no numbers: the same diagnosis, bit for bit."""
+    of = window(injected(tmp_path, "b_copter_acro", "yaw_offset:12", from_s=20.0), from_s=196.6, to_s=210.0)
+    mixed = np.random.default_rng(1).permutation(len(of.euler))
+    euler = AttitudeSamples.joined([of.euler[mixed], of.euler[::7], of.euler[:50]])
+    assert euler.rpy_rad is not None
+    euler.rpy_rad[-50:] = math.nan  # rows of their own: the first of equal times that is a number counts
+    assert diagnose(replace(of, euler=euler)) == diagnose(of)
+
+
+def test_the_entry_is_the_contract(tmp_path: Path) -> None:
+    """The keys of the report, their types, and the fix as a sentence with the value in it."""
+    of = window(injected(tmp_path, "b_copter_acro", "yaw_offset:12.5", from_s=20.0), from_s=196.6)
+    entry = told(diagnose(of)).entry()
+    assert json.loads(json.dumps(entry)) == entry
+    assert entry["value"] == pytest.approx(12.5, abs=0.01)
+    assert entry["residual"] < 0.01 < 1 < entry["next_best"]
+    del entry["value"], entry["residual"], entry["next_best"]
+    assert entry == {
+        "cause": "yaw_offset",
+        "causes": ["yaw_offset"],
+        "confidence": "certain",
+        "distinguishable": True,
+        "candidates": ["yaw_offset"],
+        "side": None,
+        "unit": "deg",
+        "fix": "Take 12.5° about down off the quaternion: both messages must use the same north.",
+    }
+
+
+def test_a_mount_offset_has_three_numbers(tmp_path: Path) -> None:
+    """Its value is a list, and the fix names it."""
+    of = window(injected(tmp_path, "b_copter_acro", "mount_offset:0,4,0", from_s=20.0), from_s=196.6)
+    entry = told(diagnose(of)).entry()
+    np.testing.assert_allclose(entry["value"], [0, 4, 0], atol=0.05)
+    assert "(0, 4.0, 0)°" in entry["fix"]
