@@ -1,7 +1,8 @@
-"""When a disagreement becomes an alarm, and when the alarm goes: votes, delays and a table of transitions.
+"""When a disagreement becomes an alarm, and when the alarm goes: votes, delays and one table of transitions.
 
 Time is the vehicle's and comes with the samples. A sample is bad above its limit and low below a share of it; alarms
 start and end by a vote over the last samples, so that a lone outlier does neither (after ISA-18.2 and EEMUA 191).
+Whether an alarm is shelved, or one of many, is not its own affair: see `Announcer`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.settings import EulerQuaternionSettings
+from gcs_bridge.settings import AlarmSettings
 
 
 class State(Enum):
@@ -23,33 +24,73 @@ class State(Enum):
 
     NORMAL = "normal"
     PENDING = "pending"  # above the limit, waiting for the on-delay
-    RAISED = "raised"
+    RAISED = "raised"  # and nobody has acknowledged it
+    ACKNOWLEDGED = "acknowledged"
     CLEARING = "clearing"  # low, waiting for the off-delay
+    CLEARING_ACKNOWLEDGED = "clearing_acknowledged"
+    RETURNED = "returned"  # gone, and nobody had acknowledged it: latched until somebody does
+    RETURNED_PENDING = "returned_pending"  # latched, and above the limit again
+    NO_COMPARE = "no_compare"  # a source is missing or stale
+    INOP = "inop"  # the comparator cannot run
 
 
-class Vote(Enum):
-    """What the last samples say together."""
+class Signal(Enum):
+    """What may change an alarm's state."""
 
-    BAD = "bad"
+    BAD = "bad"  # what the last samples say together
     BETWEEN = "between"
     LOW = "low"
+    DELAYED = "delayed"  # the state's delay has run out
+    ACKNOWLEDGE = "acknowledge"
+    LOST = "lost"  # a source went stale
+    BROKEN = "broken"  # a source cannot be used
+    FOUND = "found"  # all sources are there again
 
 
-# State and vote → next state. A delay that has run out turns PENDING into RAISED and CLEARING into NORMAL.
+_S, _T = State, Signal
+
+# State and signal → next state; what is not here changes nothing. A raised alarm whose source goes stays raised:
+# nothing has shown that the fault is gone.
 TRANSITIONS = {
-    (State.NORMAL, Vote.BAD): State.PENDING,
-    (State.NORMAL, Vote.BETWEEN): State.NORMAL,
-    (State.NORMAL, Vote.LOW): State.NORMAL,
-    (State.PENDING, Vote.BAD): State.PENDING,
-    (State.PENDING, Vote.BETWEEN): State.NORMAL,
-    (State.PENDING, Vote.LOW): State.NORMAL,
-    (State.RAISED, Vote.BAD): State.RAISED,
-    (State.RAISED, Vote.BETWEEN): State.RAISED,
-    (State.RAISED, Vote.LOW): State.CLEARING,
-    (State.CLEARING, Vote.BAD): State.RAISED,
-    (State.CLEARING, Vote.BETWEEN): State.RAISED,
-    (State.CLEARING, Vote.LOW): State.CLEARING,
+    (_S.NORMAL, _T.BAD): _S.PENDING,
+    (_S.NORMAL, _T.LOST): _S.NO_COMPARE,
+    (_S.NORMAL, _T.BROKEN): _S.INOP,
+    (_S.PENDING, _T.BETWEEN): _S.NORMAL,
+    (_S.PENDING, _T.LOW): _S.NORMAL,
+    (_S.PENDING, _T.DELAYED): _S.RAISED,
+    (_S.PENDING, _T.LOST): _S.NO_COMPARE,
+    (_S.PENDING, _T.BROKEN): _S.INOP,
+    (_S.RAISED, _T.LOW): _S.CLEARING,
+    (_S.RAISED, _T.ACKNOWLEDGE): _S.ACKNOWLEDGED,
+    (_S.ACKNOWLEDGED, _T.LOW): _S.CLEARING_ACKNOWLEDGED,
+    (_S.CLEARING, _T.BAD): _S.RAISED,
+    (_S.CLEARING, _T.BETWEEN): _S.RAISED,
+    (_S.CLEARING, _T.LOST): _S.RAISED,
+    (_S.CLEARING, _T.BROKEN): _S.RAISED,
+    (_S.CLEARING, _T.DELAYED): _S.RETURNED,
+    (_S.CLEARING, _T.ACKNOWLEDGE): _S.CLEARING_ACKNOWLEDGED,
+    (_S.CLEARING_ACKNOWLEDGED, _T.BAD): _S.ACKNOWLEDGED,
+    (_S.CLEARING_ACKNOWLEDGED, _T.BETWEEN): _S.ACKNOWLEDGED,
+    (_S.CLEARING_ACKNOWLEDGED, _T.LOST): _S.ACKNOWLEDGED,
+    (_S.CLEARING_ACKNOWLEDGED, _T.BROKEN): _S.ACKNOWLEDGED,
+    (_S.CLEARING_ACKNOWLEDGED, _T.DELAYED): _S.NORMAL,
+    (_S.RETURNED, _T.BAD): _S.RETURNED_PENDING,
+    (_S.RETURNED, _T.ACKNOWLEDGE): _S.NORMAL,
+    (_S.RETURNED_PENDING, _T.BETWEEN): _S.RETURNED,
+    (_S.RETURNED_PENDING, _T.LOW): _S.RETURNED,
+    (_S.RETURNED_PENDING, _T.DELAYED): _S.RAISED,
+    (_S.RETURNED_PENDING, _T.LOST): _S.RETURNED,
+    (_S.RETURNED_PENDING, _T.BROKEN): _S.RETURNED,
+    (_S.RETURNED_PENDING, _T.ACKNOWLEDGE): _S.PENDING,
+    (_S.NO_COMPARE, _T.FOUND): _S.NORMAL,
+    (_S.NO_COMPARE, _T.BROKEN): _S.INOP,
+    (_S.INOP, _T.FOUND): _S.NORMAL,
 }
+
+PENDING = frozenset({State.PENDING, State.RETURNED_PENDING})
+STANDING = frozenset({State.RAISED, State.ACKNOWLEDGED, State.CLEARING, State.CLEARING_ACKNOWLEDGED})
+_CLEARING = frozenset({State.CLEARING, State.CLEARING_ACKNOWLEDGED})
+_QUIET = frozenset(State) - PENDING - STANDING
 
 
 class Worst(NamedTuple):
@@ -60,24 +101,44 @@ class Worst(NamedTuple):
 
 
 class Change(NamedTuple):
-    """A change of state, at sample `place` of the batch; `worst` is the excursion's peak so far."""
+    """A change of state, at sample `place` of the batch.
+
+    `worst` is the excursion's peak so far, `onset_us` the time of the first of the bad samples that made it pending.
+    """
 
     place: int
     before: State
     state: State
     t_boot_us: int
     worst: Worst
+    onset_us: int = -1
 
 
 @dataclass(frozen=True)
 class Rated:
-    """n samples against their limits: time, value, whether bad and whether low (never both), and a detail a sample."""
+    """n samples against their limits: time, value, whether bad and whether low (never both), and a detail a sample.
+
+    `ordinal` (n,) is of the frame that brought each about; `detail` (n, 5) is tilt, heading and the rotation vector in
+    body axes, rad, of a value that is an angle between attitudes, and NaN of any other.
+    """
 
     t_boot_us: npt.NDArray[np.int64]
+    ordinal: npt.NDArray[np.int64]
     value: npt.NDArray[np.float64]
     bad: npt.NDArray[np.bool_]
     low: npt.NDArray[np.bool_]
     detail: npt.NDArray[np.float64]
+
+    def __getitem__(self, rows: slice) -> Rated:
+        """The samples of a slice."""
+        return Rated(
+            self.t_boot_us[rows],
+            self.ordinal[rows],
+            self.value[rows],
+            self.bad[rows],
+            self.low[rows],
+            self.detail[rows],
+        )
 
 
 class _Sample(NamedTuple):
@@ -88,9 +149,9 @@ class _Sample(NamedTuple):
 
 
 class Alarm:
-    """The alarm of one check of one vehicle within one boot."""
+    """One alarm of one check of one vehicle within one boot."""
 
-    def __init__(self, settings: EulerQuaternionSettings) -> None:
+    def __init__(self, settings: AlarmSettings) -> None:
         """Start in NORMAL, with no sample."""
         self.state = State.NORMAL
         self._settings = settings
@@ -101,13 +162,14 @@ class Alarm:
         self._now_us = 0  # the latest sample's time: one that comes late does not turn the delays back
         self._since_us = 0
         self.worst = Worst(-1.0, np.empty(0))  # of the present excursion
+        self._onset_us = -1
 
     def feed(self, samples: Rated) -> Iterator[Change]:
         """Take counted samples in order; yield each change of state."""
         bad_at = np.flatnonzero(samples.bad)
         index = 0
         while index < len(samples.bad):
-            if self.state is State.NORMAL and not any(sample.bad for sample in self._recent):
+            if self.state in _QUIET and not any(sample.bad for sample in self._recent):
                 # Nothing can happen before the next bad sample: only those right before it still have a vote.
                 following = np.searchsorted(bad_at, index)
                 skip_to = int(bad_at[following]) if following < len(bad_at) else len(samples.bad)
@@ -121,35 +183,72 @@ class Alarm:
             yield from self._take(index, _sample(samples, index))
             index += 1
 
+    def signal(self, signal: Signal) -> tuple[State, State]:
+        """Take a signal that is no sample; return the state before and after it."""
+        before = self.state
+        self.state = TRANSITIONS.get((before, signal), before)
+        return before, self.state
+
     def _take(self, index: int, sample: _Sample) -> Iterator[Change]:
         self._now_us = max(self._now_us, sample.t_us)
         self._recent.append(sample)
         voters = [voter for voter in self._recent if self._now_us - voter.t_us <= self._window_us]
-        following = TRANSITIONS[self.state, self._vote(voters)]
-        if self.state is State.NORMAL and following is State.PENDING:
-            self.worst = max((voter.worst for voter in voters), key=lambda worst: worst.value)
-        elif sample.worst.value > self.worst.value:
+        vote = self._vote(voters)
+        if self.state in _QUIET and vote is Signal.BAD:
+            self.worst = max((voter.worst for voter in voters if voter.bad), key=lambda worst: worst.value)
+            self._onset_us = min(voter.t_us for voter in voters if voter.bad)
+        elif sample.bad and sample.worst.value > self.worst.value:
             self.worst = sample.worst
-        yield from self._go(index, following)
+        yield from self._go(index, vote)
         waited_us = self._now_us - self._since_us
-        if self.state is State.PENDING and waited_us >= self._on_delay_us:
-            yield from self._go(index, State.RAISED)
-        elif self.state is State.CLEARING and waited_us >= self._off_delay_us:
-            yield from self._go(index, State.NORMAL)
+        delay_us = self._on_delay_us if self.state in PENDING else self._off_delay_us
+        if self.state in PENDING | _CLEARING and waited_us >= delay_us:
+            yield from self._go(index, Signal.DELAYED)
 
-    def _go(self, index: int, state: State) -> Iterator[Change]:
-        if state is self.state:
-            return
-        before, self.state, self._since_us = self.state, state, self._now_us
-        yield Change(index, before, state, self._now_us, self.worst)
+    def _go(self, index: int, signal: Signal) -> Iterator[Change]:
+        before, after = self.signal(signal)
+        if after is not before:
+            self._since_us = self._now_us
+            yield Change(index, before, after, self._now_us, self.worst, self._onset_us)
 
-    def _vote(self, voters: list[_Sample]) -> Vote:
+    def _vote(self, voters: list[_Sample]) -> Signal:
         needed = self._settings.bad_samples
         if sum(voter.bad for voter in voters) >= needed:
-            return Vote.BAD
-        return Vote.LOW if sum(not voter.low for voter in voters) < needed else Vote.BETWEEN
+            return Signal.BAD
+        return Signal.LOW if sum(not voter.low for voter in voters) < needed else Signal.BETWEEN
 
 
 def _sample(samples: Rated, index: int) -> _Sample:
     worst = Worst(float(samples.value[index]), samples.detail[index])
     return _Sample(int(samples.t_boot_us[index]), bool(samples.bad[index]), bool(samples.low[index]), worst)
+
+
+@dataclass
+class Announcer:
+    """Says which of a vehicle's raises belong together, by one rule over the times of the last ones.
+
+    A raise is a "repeat" soon after the same alarm's last one, part of a "chatter" where that happens often, and part
+    of a "flood" where many alarms of any kind come at once.
+    """
+
+    settings: AlarmSettings
+
+    def __post_init__(self) -> None:
+        self._raises: deque[tuple[int, str]] = deque()
+
+    def group(self, name: str, t_boot_us: int) -> str | None:
+        """Take a raise of the alarm `name`; tell what it is part of, None: it stands alone."""
+        rules = self.settings
+        self._raises.append((t_boot_us, name))
+        while self._raises[0][0] < t_boot_us - max(rules.flood_window_s, rules.chatter_window_s) * 1e6:
+            self._raises.popleft()
+        same = [t_us for t_us, raised in self._raises if raised == name]
+        if _within(same, rules.chatter_window_s) >= rules.chatter_raises:
+            return "chatter"
+        if _within([t_us for t_us, _ in self._raises], rules.flood_window_s) >= rules.flood_raises:
+            return "flood"
+        return "repeat" if _within(same, rules.repeat_s) > 1 else None
+
+
+def _within(times_us: list[int], window_s: float) -> int:
+    return sum(times_us[-1] - t_us < window_s * 1e6 for t_us in times_us)

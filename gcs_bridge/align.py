@@ -11,7 +11,7 @@ on how they were cut into batches. What a pair is worth is computed for all of a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 from typing import NamedTuple
 
@@ -36,6 +36,7 @@ KIN_FLOOR_RAD = radians(0.2)
 KIN_PER_RATE_S = 0.002
 KIN_PER_CHANGE = 0.5  # of the change of rate over the gap
 KIN_PER_TURN = 0.1  # of the turn over the gap
+CHANGE_RAD = radians(0.5)  # by which what is expected may change between two samples, trims in turns included
 UNREPORTED_TURN_RAD = radians(0.5)  # a step this large between rates of exactly zero: the sender reports no rates
 
 _RING = 1024  # samples of each stream that can still find a partner; a power of two
@@ -252,6 +253,9 @@ def match_kernel(
     return n
 
 
+_IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
+
+
 class _Recent:
     """The last samples of one stream since the boot, and for each the step that led to it."""
 
@@ -262,14 +266,26 @@ class _Recent:
         self.w: Floats = np.empty((0, 3))
         self.kin: Floats = np.empty(0)  # rad by which the step differs from what the rates say
         self.denied: Mask = np.empty(0, np.bool_)
+        self.unsteady: Floats = np.empty(0)  # rad/s by which the rates may be off at the sample, as its step shows them
+        self.meant: Floats | None = None  # (n, 4) from expected to sent, body side; None: there was no difference yet
+        self._meant_last: Floats = _IDENTITY[None]
         self._last: tuple[int, Floats, Floats] | None = None  # the latest in order: t_us, q (1, 4), w (1, 3)
 
-    def append(self, t_us: Int64s, q: Floats, w: Floats, reset: ResetSettings) -> None:
-        """Add samples in order of arrival; those that come late have no step."""
+    def append(self, t_us: Int64s, q: Floats, w: Floats, reset: ResetSettings, q_sent: Floats | None) -> Steps:
+        """Add samples in order of arrival, and return the steps between them; those that come late have none.
+
+        `q_sent` (n, 4) is the attitude as it was sent, where `q` has been relieved of an expected difference.
+        """
         n = len(t_us)
         latest = np.maximum.accumulate(np.concatenate(([-1 if self._last is None else self._last[0]], t_us)))
         in_order = np.flatnonzero(t_us > latest[:-1])
-        kin, denied = np.full(n, np.inf), np.zeros(n, np.bool_)
+        kin, denied, unsteady = np.full(n, np.inf), np.zeros(n, np.bool_), np.full(n, np.nan)
+        steps = _NO_STEPS
+        meant: Floats | None = None
+        if q_sent is not None:
+            meant = attitude.multiply(attitude.conjugate(q), q_sent)
+        elif self.meant is not None:
+            meant = np.broadcast_to(_IDENTITY, (n, 4))
         if len(in_order):
             t, q_in, w_in = t_us[in_order], q[in_order], w[in_order]
             if self._last is not None:
@@ -277,10 +293,13 @@ class _Recent:
                 q_in = np.concatenate((self._last[1], q_in))
                 w_in = np.concatenate((self._last[2], w_in))
             if len(t) > 1:
-                step_kin, step_denied = _steps(t, q_in, w_in, reset)
-                kin[in_order[-len(step_kin) :]] = step_kin
-                denied[in_order[-len(step_kin) :]] = step_denied
+                steps = _steps(in_order[1 - len(t) :], t, q_in, w_in, reset)
+                if meant is not None:
+                    steps = _without_changes(steps, np.concatenate((self._meant_last, meant[in_order]))[-len(t) :])
+                kin[steps.row], denied[steps.row] = steps.kin_rad, steps.denied
+                unsteady[steps.row] = _norm(steps.w1_b_rad_s - steps.w0_b_rad_s) + 2.0 * steps.kin_rad / steps.h_s
             self._last = (int(t[-1]), q_in[-1:], w_in[-1:])
+            self._meant_last = _IDENTITY[None] if meant is None else meant[in_order[-1:]]
         surplus = max(len(self.t_us) - _RING, 0)
         self.first += surplus
         self.t_us = np.concatenate((self.t_us[surplus:], t_us))
@@ -288,23 +307,102 @@ class _Recent:
         self.w = np.concatenate((self.w[surplus:], w))
         self.kin = np.concatenate((self.kin[surplus:], kin))
         self.denied = np.concatenate((self.denied[surplus:], denied))
+        self.unsteady = np.concatenate((self.unsteady[surplus:], unsteady))
+        if meant is not None:
+            before = np.broadcast_to(_IDENTITY, (len(self.t_us) - n, 4)) if self.meant is None else self.meant[surplus:]
+            self.meant = np.concatenate((before, meant))
+        return steps
 
 
 def _norm(v: Floats) -> Floats:
-    return np.sqrt(v[:, 0] ** 2 + v[:, 1] ** 2 + v[:, 2] ** 2)
+    return np.asarray(np.sqrt(v[..., 0] ** 2 + v[..., 1] ** 2 + v[..., 2] ** 2))
 
 
-def _steps(t_us: Int64s, q: Floats, w: Floats, reset: ResetSettings) -> tuple[Floats, Mask]:
-    """Per step between consecutive samples: rad that the rates don't explain, and whether that denies the step."""
-    h = (t_us[1:] - t_us[:-1]) * 1e-6
+def turn_and_kin(q0: Floats, q1: Floats, w0: Floats, w1: Floats, h: Floats) -> tuple[Floats, Floats]:
+    """Of steps of h (...) s: the rotation vector (..., 3), and how far (...), rad, that is from what the rates say.
+
+    `q0`, `q1` (..., 4); `w0`, `w1` (..., 3), rad/s. The second is NaN where the sender reports no rates.
+    """
+    phi = attitude.rotvec_from_quaternion(attitude.multiply(attitude.conjugate(q0), q1))
+    kin = _norm(phi - 0.5 * h[..., None] * (w0 + w1))
+    kin[(_norm(w0) == 0) & (_norm(w1) == 0) & (_norm(phi) > UNREPORTED_TURN_RAD)] = np.nan
+    return phi, kin
+
+
+def interpolation_bound_rad(
+    w0: Floats, w1: Floats, own: Floats, w: Floats, *, kin_fast: Floats, kin_slow: Floats, h: Floats, u: Floats
+) -> Floats:
+    """What interpolating at the share u (...) of a gap of h (...) s may add to a disagreement, rad (...).
+
+    Rates (..., 3): `w0`, `w1` the faster stream's at both ends, `own` the slower sample's, `w` the interpolant's.
+    `kin_fast` of the step across the gap, `kin_slow` of the slower stream's last one (NaN, inf: unknown).
+    """
+    # A slower stream that reports no rates has no say; without the faster one's, nothing bounds the error.
+    rate = np.fmax(np.maximum(_norm(w0), _norm(w1)), _norm(own))
+    change = _norm(w1 - w0)
+    kin = np.minimum(kin_fast, np.nan_to_num(kin_slow, nan=np.inf) + KIN_MARGIN_RAD)
+    kin = np.minimum(kin, KIN_FLOOR_RAD + KIN_PER_RATE_S * rate + h * (KIN_PER_CHANGE * change + KIN_PER_TURN * rate))
+    bow = 4.0 * u * (1.0 - u)
+    bend = np.where(np.isfinite(own).all(axis=-1), _norm(w - own), 0.0)
+    return np.asarray(RATE_BOUND_S * rate + 0.5 * bow * (kin + h * bend))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """n steps of one stream, from each sample to the next one in order.
+
+    `row` (n,) of the later sample in the batch; `t0_us`, `t1_us` (n,) boot times; `q0_nb`, `q1_nb` (n, 4);
+    `w0_b_rad_s`, `w1_b_rad_s` (n, 3); `turn_b_rad` (n, 3) rotation vector of the step, body axes; `kin_rad` (n,) how
+    far that is from what the rates say, NaN where the sender reports no rates; `limit_rad` (n,) what is still no
+    contradiction; `denied` (n,) whether the rates deny the step.
+    """
+
+    row: Int64s
+    t0_us: Int64s
+    t1_us: Int64s
+    q0_nb: Floats
+    q1_nb: Floats
+    w0_b_rad_s: Floats
+    w1_b_rad_s: Floats
+    turn_b_rad: Floats
+    kin_rad: Floats
+    limit_rad: Floats
+    denied: Mask
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    @property
+    def h_s(self) -> Floats:
+        """How long each step took, s."""
+        return np.asarray((self.t1_us - self.t0_us) * 1e-6)
+
+
+def _no_steps() -> Steps:
+    none, q, v, numbers = np.empty(0, np.int64), np.empty((0, 4)), np.empty((0, 3)), np.empty(0)
+    return Steps(none, none, none, q, q, v, v, v, numbers, numbers, np.empty(0, np.bool_))
+
+
+_NO_STEPS = _no_steps()
+
+
+def _steps(row: Int64s, t_us: Int64s, q: Floats, w: Floats, reset: ResetSettings) -> Steps:
+    """The steps between consecutive samples."""
+    h: Floats = np.asarray((t_us[1:] - t_us[:-1]) * 1e-6)
     w0, w1 = w[:-1], w[1:]
-    phi = attitude.rotvec_from_quaternion(attitude.multiply(attitude.conjugate(q[:-1]), q[1:]))
-    kin = _norm(phi - 0.5 * h[:, None] * (w0 + w1))
-    speed0, speed1 = _norm(w0), _norm(w1)
-    kin[(speed0 == 0) & (speed1 == 0) & (_norm(phi) > UNREPORTED_TURN_RAD)] = np.nan
-    rate, change = np.maximum(speed0, speed1), _norm(w1 - w0)
+    phi, kin = turn_and_kin(q[:-1], q[1:], w0, w1, h)
+    rate, change = np.maximum(_norm(w0), _norm(w1)), _norm(w1 - w0)
     limit = reset.step_rad + reset.per_rate_s * rate + 1.5 * h * (KIN_PER_CHANGE * change + KIN_PER_TURN * rate)
-    return kin, kin > limit
+    # A step that hardly turned was not a step, whatever the rates made of it.
+    denied = (kin > limit) & (_norm(phi) > reset.step_rad)
+    return Steps(row, t_us[:-1], t_us[1:], q[:-1], q[1:], w0, w1, phi, kin, limit, denied)
+
+
+def _without_changes(steps: Steps, meant: Floats) -> Steps:
+    """The steps without those across which another difference was undone: these are none of the vehicle."""
+    changed = attitude.angle_between(meant[:-1], meant[1:]) > CHANGE_RAD
+    kin = np.where(changed, np.nan, steps.kin_rad)
+    return replace(steps, kin_rad=kin, denied=steps.denied & ~changed)
 
 
 @dataclass(frozen=True)
@@ -312,7 +410,10 @@ class Pairs:
     """n pairs of attitudes at one instant each, in the order in which they were completed.
 
     `t_boot_us` (n,); `trigger` (n,) index in the batch of the completing sample; `same_instant` (n,);
-    `q_euler`, `q_quaternion` (n, 4) unit [w, x, y, z], FRD to NED; `w_nb_b_rad_s` (n, 3) body rates at that instant;
+    `q_euler`, `q_quaternion` (n, 4) unit [w, x, y, z], FRD to NED, `q_euler_sent` (n, 4) with the differences that are
+    expected still in it; `w_nb_b_rad_s` (n, 3) body rates at that instant; `w_differs_b_rad_s` (n, 3) the quaternion's
+    rates minus the Euler angles', NaN where the instants differ or rates are not reported, and `unsteady_rad_s` (n,)
+    what of it the motion explains;
     `bound_rad` (n,) what the alignment alone may make of a perfect agreement, NaN where it can't be told;
     `after_reset` (n,) the faster stream stepped there, alone, against its own rates;
     `bracket` (n,) equal for pairs that rest on the same step of the faster stream, −1 for the same instant;
@@ -324,7 +425,10 @@ class Pairs:
     same_instant: Mask
     q_euler: Floats
     q_quaternion: Floats
+    q_euler_sent: Floats
     w_nb_b_rad_s: Floats
+    w_differs_b_rad_s: Floats
+    unsteady_rad_s: Floats
     bound_rad: Floats
     after_reset: Mask
     bracket: Int64s
@@ -336,11 +440,12 @@ class Pairs:
 
 @dataclass(frozen=True)
 class Aligned:
-    """A batch's pairs, and per sample its stream's period as known by then, in boot and in receive time (µs, −1)."""
+    """A batch's pairs and steps, and per sample its stream's period by then, in boot and receive time (µs, −1)."""
 
     pairs: Pairs
     period_us: Int64s
     rx_period_us: Int64s
+    steps: tuple[Steps, Steps]  # of ATTITUDE and of ATTITUDE_QUATERNION
 
 
 class Aligner:
@@ -353,20 +458,28 @@ class Aligner:
         self._state = _new_state()
         self._recent = (_Recent(), _Recent())
 
-    def pair(self, euler: AttitudeSamples, quaternion: AttitudeSamples, order: Int64s) -> Aligned:
+    def pair(
+        self,
+        euler: AttitudeSamples,
+        quaternion: AttitudeSamples,
+        order: Int64s,
+        q_euler_sent: Floats | None = None,
+    ) -> Aligned:
         """The pairs that these samples complete.
 
         `order` (n,) sorts the two streams' samples, ATTITUDE's first, into their order of arrival; the batch's index
-        is the place in that order.
+        is the place in that order. `q_euler_sent` are ATTITUDE's own, where `euler` differs from them.
         """
         stream = np.repeat(np.array([EULER, QUATERNION]), [len(euler), len(quaternion)])[order]
         t_us = np.concatenate((euler.t_boot_us, quaternion.t_boot_us))[order]
         t_rx_us = np.concatenate((euler.t_rx_us, quaternion.t_rx_us))[order]
-        for recent, samples in zip(self._recent, (euler, quaternion), strict=True):
+        steps = [_NO_STEPS, _NO_STEPS]
+        for k, (recent, samples) in enumerate(zip(self._recent, (euler, quaternion), strict=True)):
             if len(samples):
                 q = attitude.normalise(samples.q_nb)
                 with np.errstate(invalid="ignore"):  # rates that are no numbers: they explain no step
-                    recent.append(samples.t_boot_us, q, samples.w_nb_b_rad_s, self._reset)
+                    sent = q_euler_sent if k == EULER else None
+                    steps[k] = recent.append(samples.t_boot_us, q, samples.w_nb_b_rad_s, self._reset, sent)
         waiting = int(self._state.of[:, _WAITING].sum())
         matches = np.empty(len(stream) + waiting + 1, MATCH)
         periods = np.empty((len(stream), 2), np.int64)
@@ -374,18 +487,22 @@ class Aligner:
         n = match_kernel(stream, t_us, t_rx_us, max_gap_us, self._state, matches, periods)
         with np.errstate(invalid="ignore"):  # rates that are no numbers: the bound is none then
             pairs = self._evaluated(matches[:n])
-        return Aligned(pairs, periods[:, 0], periods[:, 1])
+        return Aligned(pairs, periods[:, 0], periods[:, 1], (steps[0], steps[1]))
 
     def _evaluated(self, matches: npt.NDArray[np.void]) -> Pairs:
         """The matched samples as pairs, the faster stream interpolated where the instants differ."""
         n = len(matches)
+        q_euler = np.empty((n, 4))
         pairs = Pairs(
             np.empty(n, np.int64),
             matches["trigger"].copy(),
             matches["same"] == 1,
+            q_euler,
             np.empty((n, 4)),
-            np.empty((n, 4)),
+            q_euler if self._recent[EULER].meant is None else np.empty((n, 4)),
             np.empty((n, 3)),
+            np.full((n, 3), np.nan),
+            np.full(n, np.nan),
             np.full(n, self._alignment.same_instant_bound_rad),
             np.zeros(n, np.bool_),
             np.where(matches["same"] == 1, -1, matches["after"]),
@@ -408,6 +525,8 @@ class Aligner:
         if same:
             q_of[1 - slower][rows] = fast.q[after]
             pairs.w_nb_b_rad_s[rows] = fast.w[after]
+            self._compare_rates(pairs, rows, slow, at, fast, after, 1 if slower == EULER else -1)
+            self._resend(pairs, rows, at if slower == EULER else after)
             return
         gap_us = fast.t_us[after] - fast.t_us[before]
         u = (slow.t_us[at] - fast.t_us[before]) / gap_us
@@ -417,14 +536,23 @@ class Aligner:
         q_of[1 - slower][rows] = q
         pairs.w_nb_b_rad_s[rows] = w
         pairs.after_reset[rows] = fast.denied[after] & ~fast.denied[before]
-        # A slower stream that reports no rates has no say; without the faster one's, nothing bounds the error.
-        rate = np.fmax(np.maximum(_norm(w0), _norm(w1)), _norm(own))
-        change = _norm(w1 - w0)
-        slow_kin = np.nan_to_num(slow.kin[at], nan=np.inf)
-        kin = np.minimum(fast.kin[after], slow_kin + KIN_MARGIN_RAD)
-        kin = np.minimum(
-            kin, KIN_FLOOR_RAD + KIN_PER_RATE_S * rate + h * (KIN_PER_CHANGE * change + KIN_PER_TURN * rate)
+        pairs.bound_rad[rows] += interpolation_bound_rad(
+            w0, w1, own, w, kin_fast=fast.kin[after], kin_slow=slow.kin[at], h=h, u=u
         )
-        bow = 4.0 * u * (1.0 - u)
-        bend = np.where(np.isfinite(own).all(axis=1), _norm(w - own), 0.0)
-        pairs.bound_rad[rows] += RATE_BOUND_S * rate + 0.5 * bow * (kin + h * bend)
+        self._resend(pairs, rows, at if slower == EULER else after)
+
+    def _compare_rates(
+        self, pairs: Pairs, rows: Int64s, slow: _Recent, at: Int64s, fast: _Recent, there: Int64s, sign: int
+    ) -> None:
+        """The rates of both messages at one instant; a firmware that reports none sends zeros."""
+        one, other = slow.w[at], fast.w[there]
+        unreported = (_norm(one) == 0) | (_norm(other) == 0)
+        pairs.w_differs_b_rad_s[rows] = np.where(unreported[:, None], np.nan, sign * (other - one))
+        # The calmer one's: a stream whose rates are wrong finds its own step unsteady, and would excuse itself.
+        pairs.unsteady_rad_s[rows] = np.fmin(slow.unsteady[at], fast.unsteady[there])
+
+    def _resend(self, pairs: Pairs, rows: Int64s, at: Int64s) -> None:
+        """Put back into the Euler side what was expected of its sample `at`."""
+        meant = self._recent[EULER].meant
+        if meant is not None:
+            pairs.q_euler_sent[rows] = attitude.multiply(pairs.q_euler[rows], meant[at])

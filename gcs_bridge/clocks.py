@@ -145,3 +145,30 @@ class BootClock:
         self.latest_us = max(change.first_us, t) if change else max(latest, t)
         self._epoch_us = self.latest_us // WRAP_US * WRAP_US
         return t, change
+
+
+class OffsetClock:
+    """Maps the own clock of a message (`time_usec`) to the boot clock of its vehicle, within one boot.
+
+    A clock that is near the boot clock at first is the boot clock: others count from 1970, or from a start seconds to
+    hours away. Of these the smallest offset is the nearest to the true one, as no message is heard before its stamp.
+    """
+
+    def __init__(self) -> None:
+        """Start with no message."""
+        self._same: bool | None = None
+        self._offset_us = np.iinfo(np.int64).max
+
+    def map(self, t_us: Int64s, latest_us: Int64s) -> Int64s:
+        """Boot times (n,), µs, of messages at `t_us` (n,) on their own clock, when the boot time was `latest_us` (n,)."""
+        offset = t_us - latest_us
+        if self._same is None and len(offset):
+            self._same = abs(int(offset[0])) < SAME_CLOCK_US
+        if self._same:
+            return t_us
+        least = np.minimum.accumulate(np.concatenate(([self._offset_us], offset)))[1:]
+        self._offset_us = int(least[-1]) if len(least) else self._offset_us
+        return t_us - least
+
+
+SAME_CLOCK_US = 1_000_000

@@ -1,65 +1,76 @@
-"""Judges one vehicle: samples become pairs, disagreements, alarms and notices, and at the end a report's entry."""
+"""Judges one vehicle: samples become pairs and a flight, that goes to every check, and their ratings to the alarms."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.alarms import Alarm, Change, State, Worst
+from gcs_bridge.alarms import Signal
 from gcs_bridge.align import Aligner, Pairs
-from gcs_bridge.checks.euler_quaternion import NAME, Disagreement, EulerQuaternion
-from gcs_bridge.events import Notice, Rank, make_event, utc
+from gcs_bridge.checks import all_checks
+from gcs_bridge.checks.euler_quaternion import Disagreement, EulerQuaternion
+from gcs_bridge.checks.protocol import Check
+from gcs_bridge.checks.stream import StreamCheck
+from gcs_bridge.desk import AlarmRecord, Desk, Moment, SignalAt
+from gcs_bridge.events import Notice, Rank, in_order, make_event, utc
+from gcs_bridge.expected import Corrected, Expected
+from gcs_bridge.flight import Flight, OneAttitude, OneImu, Stillness
+from gcs_bridge.inquiry import Inquiry, Sent
 from gcs_bridge.liveness import OTHER, LinkClock, Liveness, Timeline, Turn
 from gcs_bridge.mavlink.requests import request_command
+from gcs_bridge.resets import Reset, Resets, Statements
 from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION
 from gcs_bridge.settings import Settings
 from gcs_bridge.streams import StreamCount
-from gcs_bridge.vehicles import ClockNotice, Segment, VehicleBatch, VehicleReader
+from gcs_bridge.told import Latest, ModeSet, ParameterSet, Told
+from gcs_bridge.vehicles import (
+    ClockNotice,
+    Inertial,
+    Secondary,
+    Segment,
+    VehicleBatch,
+    VehicleReader,
+    no_segment,
+)
 
+Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
 
 STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
 US_PER_S = 1e6
 
-
-@dataclass
-class AlarmRecord:
-    """One alarm, as the contract's report and events show it; angles in degrees."""
-
-    id: str
-    check: str
-    severity: str
-    boot: int
-    raised_boot_s: float | None = None
-    cleared_boot_s: float | None = None
-    raised_utc: str | None = None
-    unit: str = "deg"
-    peak: float = 0.0
-    tilt: float = 0.0
-    heading: float | None = None
-    rotvec_body: list[float] = field(default_factory=list)
-    diagnosis: dict[str, Any] | None = None
-
-    def show(self, worst: Worst) -> None:
-        """Take the peak of the excursion, and what came with it."""
-        tilt, heading, *rotvec = np.degrees(worst.detail).tolist()
-        self.peak, self.tilt = math.degrees(worst.value), tilt
-        self.heading, self.rotvec_body = None if math.isnan(heading) else heading, rotvec
+_FIXED_WING = ("fixed_wing",)  # MAV_TYPE; what hovers too is told by its VTOL types
+# The alarms about which the doctor is asked: check and tier.
+_ASKED = frozenset(
+    {
+        ("euler_quaternion", "pairs"),
+        ("euler_quaternion", "mean"),
+        ("quaternion_norm", "alarm"),
+        ("quaternion_norm", "warning"),
+    }
+)
+_TRIMS = ("AHRS_TRIM_X", "AHRS_TRIM_Y")
+_MOST_NEWS = 10_000  # statements that can wait for a message with a time
 
 
 @dataclass(frozen=True)
 class Observation:
-    """What one batch showed of a vehicle: its samples, the pairs they made, and the disagreement of each pair."""
+    """What one batch showed of a vehicle: its samples, the pairs they made, the disagreement of each pair, and all
+    that its checks were given; how the Euler angles were corrected, and what was told of alarms in consequence.
+    """
 
     vehicle: tuple[int, int]
     segment: Segment
     pairs: Pairs
     disagreement: Disagreement
+    flight: Flight
+    corrected: Corrected
+    notices: tuple[Notice, ...]
 
 
 Observer = Callable[[Observation], None]
@@ -68,15 +79,26 @@ Observer = Callable[[Observation], None]
 class _Boot:
     """What is followed within one boot of the vehicle."""
 
-    def __init__(self, index: int, t_boot_us: int, t_rx_us: int, settings: Settings) -> None:
+    def __init__(self, index: int, ordinal: int, t_boot_us: int, t_rx_us: int, settings: Settings) -> None:
         self.index = index
+        self.ordinal = ordinal
         self.first_us = self.last_us = t_boot_us
         self.start_rx_us = t_rx_us - t_boot_us if t_rx_us >= 0 else -1
         self.aligner = Aligner(settings.alignment, settings.reset)
         self.liveness = Liveness(settings.stream)
-        self.alarm = Alarm(settings.euler_quaternion)
-        self.record: AlarmRecord | None = None  # of the alarm that is pending or raised
+        self.attitude = OneAttitude()
+        self.resets = Resets()
+        self.inquiry = Inquiry(settings)
+        self.asked: dict[str, AlarmRecord] = {}  # alarms that stand, about which the doctor is asked
+        self.imu = OneImu()
+        self.alive = [False, False]  # the two streams
         self.no_compare_told = False
+
+    def has_sources(self, check: Check) -> bool:
+        """Whether the streams come that a check needs."""
+        return {"both": all(self.alive), "quaternion": self.alive[1], "any": any(self.alive), "nothing": True}[
+            check.needs
+        ]
 
     def entry(self) -> dict[str, Any]:
         return {
@@ -94,64 +116,145 @@ class VehicleJudge:
         """Start with nothing judged; `key` is (system, component), `observer` is shown what is judged."""
         self.key = key
         self._observer = observer
-        self.alarms: list[AlarmRecord] = []
         self._settings = settings
         self._boots: list[dict[str, Any]] = []
         self._boot: _Boot | None = None
         self._both_alive_us = 0
         self._left_pending = False  # a boot ended before its alarm's on-delay did
-        self._check = EulerQuaternion(settings.euler_quaternion)
+        self._checks = all_checks(settings)
+        self._euler_quaternion = next(check for check in self._checks if isinstance(check, EulerQuaternion))
+        self._stream_check = next(check for check in self._checks if isinstance(check, StreamCheck))
+        self.desk = Desk(key, self._checks, settings.alarm)
+        self._expected = Expected()
+        self._news: list[Told] = []  # that came behind the last message with a time
+        self._trims_told: list[ParameterSet] = []  # that are not among the trims yet
+        self._statements = Statements()
+        self._stillness = Stillness(settings.gravity)
+        self._trims = {name: Latest(0.0) for name in _TRIMS}
+        self._trim_b_rad = np.zeros(3)  # as it was undone last
+        self._fixed_wing = False
+        self.autopilot = self.type = "unknown"
         self._streams: dict[str, StreamCount] = {}
+        self._heard = Latest()  # when any frame of the vehicle came, receive time, µs
 
-    def take(self, batch: VehicleBatch, link: LinkClock) -> Iterator[Notice]:
-        """Judge what a batch brought; yield what happened, each with the frame that brought it about."""
+    def take(self, batch: VehicleBatch, ordinals: Int64s, link: LinkClock) -> Iterator[Notice]:
+        """Judge what a batch brought in the frames `ordinals`; yield what happened, each with its frame."""
+        self._heard.put(ordinals, link.latest_rx_us[ordinals - link.ordinal[0]].astype(np.float64))
         for name, t_rx_us in batch.counted.items():
             self._stream(name).add(t_rx_us)
+        self._hear(batch, link)
         for notice in batch.clock_changes:
             yield self._clock_notice(notice)
-        for segment in batch.segments:
-            yield from self._take_segment(segment, link)
-        if self._boot is not None:
-            yield from self._turns(self._boot.liveness.pass_silence(link), link)
+        boots = {segment.boot: segment for segment in batch.segments}
+        more = [*(inertial.samples.boot for inertial in batch.imu.values()), batch.secondary.samples.boot]
+        for index in sorted(boots.keys() | set(np.concatenate(more).tolist())):
+            yield from self._take_boot(index, boots.get(index), batch, link)
+        yield from self.advance(link)
+        last = int(ordinals[-1])
+        self._stillness.forget(last)
+        for latest in (self._heard, *self._trims.values()):
+            latest.forget(last)
 
     def advance(self, link: LinkClock) -> Iterator[Notice]:
         """Time passed on the link and nothing of this vehicle came."""
         if self._boot is not None:
-            yield from self._turns(self._boot.liveness.pass_silence(link), link)
+            yield from self._pass_silence(self._boot, link)
+        yield from self.desk.pass_time(link)
+
+    def _pass_silence(self, boot: _Boot, link: LinkClock, until_ordinal: int | None = None) -> Iterator[Notice]:
+        turns = self._heard_on(list(boot.liveness.pass_silence(link, until_ordinal)), link)
+        if turns:
+            notices, signals = self._turns(boot, turns, link)
+            yield from notices
+            silent = [(self._stream_check, found) for found in self._stream_check.silent(turns)]
+            yield from self.desk.feed(silent, signals, link)
+
+    def _heard_on(self, turns: list[Turn], link: LinkClock) -> list[Turn]:
+        """The same without silences of streams in which the whole vehicle was silent."""
+        if all(turn.what != "silent" for turn in turns):
+            return turns
+        limit_us = self._settings.stream.stale_after_s * 1e6
+        heard_us = self._heard.at(np.array([turn.ordinal for turn in turns]))
+        return [
+            turn
+            for turn, last_us in zip(turns, heard_us.tolist(), strict=True)
+            if turn.what != "silent" or link.at(turn.ordinal) - last_us <= limit_us
+        ]
 
     def entry(self, reader: VehicleReader) -> dict[str, Any]:
         """The vehicle's entry in the report."""
-        check = self._check_entry(reader.autopilot)
+        checks = [self._check_entry(check, reader.autopilot) for check in self._checks]
         boots = [*self._boots, *([self._boot.entry()] if self._boot else [])]
         return {
             "sysid": self.key[0],
             "compid": self.key[1],
             "autopilot": reader.autopilot,
             "type": reader.type,
-            "verdict": check["verdict"],
+            "verdict": self._verdict(checks),
             "boots": boots,
             "streams": {name: self._streams[name].entry() for name in sorted(self._streams)},
-            "checks": [check],
-            "alarms": [asdict(alarm) for alarm in self.alarms],
+            "checks": checks,
+            "alarms": [asdict(alarm) for alarm in self.desk.alarms],
         }
+
+    def _verdict(self, entries: Iterable[Mapping[str, Any]]) -> str:
+        severities = {alarm.severity for alarm in self.desk.alarms}
+        for severity in ("alarm", "warning"):
+            if severity in severities:
+                return severity
+        judged = any(
+            check.compares and entry["verdict"] in ("agree", "explained")
+            for check, entry in zip(self._checks, entries, strict=True)
+        )
+        return "agree" if judged and self._undecided() is None else "no_compare"
 
     def _stream(self, name: str) -> StreamCount:
         return self._streams.setdefault(name, StreamCount())
 
-    def _take_segment(self, segment: Segment, link: LinkClock) -> Iterator[Notice]:
-        boot = self._boot
-        if boot is None or boot.index != segment.boot:
-            if boot is not None:
-                yield from self._turns(boot.liveness.pass_silence(link, int(segment.ordinal[0])), link)
-                yield from self._end_alarm(boot, int(segment.ordinal[0]), int(segment.t_rx_us[0]))
-            boot = self._start_boot(segment)
-        boot.last_us = max(boot.last_us, int(segment.t_boot_us.max()))
+    def _hear(self, batch: VehicleBatch, link: LinkClock) -> None:
+        """Take what the vehicle said of itself."""
+        self._statements.take(batch.told, link)
+        self._news = [*self._news, *batch.told][-_MOST_NEWS:]
+        self._trims_told += [say for say in batch.told if isinstance(say, ParameterSet) and say.name in _TRIMS]
+        self._stillness.told(batch.told, batch.motion)
+        for say in batch.told:
+            if isinstance(say, ModeSet):
+                self.autopilot, self.type = say.autopilot, say.type
+                self._fixed_wing = say.type in _FIXED_WING
 
+    def _take_boot(self, index: int, segment: Segment | None, batch: VehicleBatch, link: LinkClock) -> Iterator[Notice]:
+        """Judge what came of one boot."""
+        boot = self._boot
+        if boot is None or boot.index != index:
+            if segment is None:
+                return  # nothing with a time came of it yet
+            if boot is not None:
+                ordinal, t_rx_us = int(segment.ordinal[0]), int(segment.t_rx_us[0])
+                yield from self._pass_silence(boot, link, ordinal)
+                yield from self.desk.end_boot(ordinal, boot.last_us, t_rx_us)
+            boot = self._start_boot(segment)
+        if segment is None:
+            segment = no_segment(index)
+        else:
+            boot.last_us = max(boot.last_us, int(segment.t_boot_us.max()))
+        yield from self._judge(boot, segment, batch, link)
+
+    def _judge(self, boot: _Boot, segment: Segment, batch: VehicleBatch, link: LinkClock) -> Iterator[Notice]:
+        at = (segment.ordinal[segment.message == 0], segment.ordinal[segment.message == 1])
+        sent = segment.euler
+        until = int(segment.ordinal[-1]) if len(segment.ordinal) else -1
+        told = [say for say in self._news if say.ordinal <= until]
+        self._news = [say for say in self._news if say.ordinal > until]
+        self._expected.told(say for say in told if isinstance(say, ParameterSet | ModeSet))
+        corrected = self._expected.correct(sent, at[0], segment.quaternion, at[1])
+        euler = sent if corrected.q_nb is sent.q_nb else replace(sent, q_nb=corrected.q_nb)
+        self._follow_trims(corrected, at[0])
         paired = np.flatnonzero(segment.valid_attitude)
-        euler, quaternion = segment.euler[segment.euler.valid], segment.quaternion[segment.quaternion.valid]
+        valid = (euler[euler.valid], segment.quaternion[segment.quaternion.valid])
         by_stream = np.argsort(segment.message[paired], kind="stable")
         order = np.argsort(by_stream, kind="stable")  # the inverse: from one stream behind the other to arrival
-        aligned = boot.aligner.pair(euler, quaternion, order)
+        as_sent = None if euler is sent else sent.q_nb[sent.valid]
+        aligned = boot.aligner.pair(*valid, order, as_sent)
 
         periods = np.full((2, len(segment.message)), -1)
         periods[0, paired], periods[1, paired] = aligned.period_us, aligned.rx_period_us
@@ -164,33 +267,120 @@ class VehicleJudge:
             periods[0],
             periods[1],
         )
-        yield from self._turns(boot.liveness.take(line, link), link)
+        turns = self._heard_on(list(boot.liveness.take(line, link)) if len(segment.message) else [], link)
+        notices, signals = self._turns(boot, turns, link)
+        yield from notices
 
-        found, rated, rows = self._check.judge(aligned.pairs)
+        imu = self._imu_of(boot, batch)
+        secondary = _of_boot(batch.secondary, boot)
+        valid_at = (at[0][euler.valid], at[1][segment.quaternion.valid])
+        flight = Flight(
+            euler,
+            at[0],
+            segment.quaternion,
+            at[1],
+            aligned.pairs,
+            segment.ordinal[paired[aligned.pairs.trigger]],
+            aligned.steps,
+            (valid_at[0][aligned.steps[0].row], valid_at[1][aligned.steps[1].row]),
+            boot.attitude.take(euler, at[0], segment.quaternion, at[1]),
+            imu,
+            *self._stillness.at(np.empty(0, np.int64) if imu is None else imu.ordinal),
+            self._trim_at(imu.ordinal) if imu is not None else np.empty((0, 3)),
+            secondary,
+            self._fixed_wing,
+            turns,
+            line,
+            segment.lost,
+            segment.received,
+            told,
+        )
+        for reset in boot.resets.take(flight.steps, flight.step_ordinal):
+            boot.inquiry.reset_at(reset.ordinal, reset.t1_us)
+            yield self._reset_notice(boot, reset, link)
+        ratings = [(check, found) for check in self._checks for found in check.judge(flight)]
+        notices, broken = self._breaks(boot, link)
+        yield from notices
+        found = self._euler_quaternion.found
+        assert found is not None
+        boot.inquiry.keep(
+            Sent(sent, at[0], corrected, segment.quaternion, at[1], aligned.pairs, flight.pair_ordinal, found.angle)
+        )
+        told_of = [*self.desk.feed(ratings, [*signals, *broken], link, lambda moment: self._ask(boot, moment, link))]
+        for name in list(boot.asked):
+            for ordinal, t_boot_us in boot.inquiry.again(name):
+                told_of += self._answer(boot, name, ordinal, t_boot_us, link)
+        yield from told_of
         if self._observer is not None:
-            self._observer(Observation(self.key, segment, aligned.pairs, found))
-        for change in boot.alarm.feed(rated):
-            at = paired[aligned.pairs.trigger[rows[change.place]]]
-            yield from self._alarm_notices(boot, change, int(segment.ordinal[at]), int(segment.t_rx_us[at]))
-        if boot.record is not None and boot.alarm.state is not State.NORMAL:
-            boot.record.show(boot.alarm.worst)
+            self._observer(
+                Observation(self.key, segment, aligned.pairs, found, flight, corrected, tuple(in_order(told_of)))
+            )
 
-    def _end_alarm(self, boot: _Boot, ordinal: int, t_rx_us: int) -> Iterator[Notice]:
-        """The boot is over, and with it an alarm that was never seen to go: its `cleared_boot_s` stays unknown."""
-        if boot.record is not None and boot.alarm.state in (State.RAISED, State.CLEARING):
-            head = make_event("alarm_cleared", self.key, boot.index, boot.last_us, t_rx_us)
-            yield Notice(ordinal, head | asdict(boot.record) | {"reason": "reboot"})
+    def _ask(self, boot: _Boot, moment: Moment, link: LinkClock) -> Iterator[Notice]:
+        """Ask the doctor about an alarm that is raised, or goes."""
+        if (moment.record.check, moment.tier) not in _ASKED:
+            return
+        name = moment.record.id
+        if moment.what == "raised":
+            onset_us = moment.onset_us
+            if moment.tier == "mean":  # the mean had to grow first
+                settings = self._settings.euler_quaternion
+                onset_us -= round((settings.mean_window_s + settings.mean_hold_s) * 1e6)
+            boot.asked[name] = moment.record
+            boot.inquiry.open(name, onset_us)
+            yield from self._answer(boot, name, moment.ordinal, moment.t_boot_us, link)
+        elif name in boot.asked:
+            for ordinal, t_boot_us in boot.inquiry.again(name, moment.ordinal):
+                yield from self._answer(boot, name, ordinal, t_boot_us, link)
+            if moment.what == "goes":
+                boot.inquiry.close(name)
+                del boot.asked[name]
+
+    def _answer(self, boot: _Boot, name: str, ordinal: int, t_boot_us: int, link: LinkClock) -> Iterator[Notice]:
+        record = boot.asked[name]
+        answer = boot.inquiry.ask(name, ordinal, t_boot_us, self.autopilot, self.type)
+        if answer.entry is not None and answer.entry != record.diagnosis:
+            yield from self.desk.diagnosis(record, answer.entry, ordinal, t_boot_us, link.at(ordinal))
+
+    def _imu_of(self, boot: _Boot, batch: VehicleBatch) -> Inertial | None:
+        """The samples, within the boot, of the one sensor that is judged by."""
+        own = {}
+        for name, (samples, ordinal) in batch.imu.items():
+            rows = (samples.boot == boot.index) & (samples.t_boot_us >= 0) & (ordinal >= boot.ordinal)
+            if rows.any():
+                own[name] = Inertial(samples[rows], ordinal[rows])
+        return boot.imu.take(own)
+
+    def _trim_at(self, ordinals: Int64s) -> Floats:
+        """The turn (n, 3) from the body's axes to the sensor's, by the trims told."""
+        return np.column_stack([*(trim.at(ordinals) for trim in self._trims.values()), np.zeros(len(ordinals))])
+
+    def _follow_trims(self, corrected: Corrected, ordinals: Int64s) -> None:
+        """AHRS_TRIM as it is told, and as it shows in ATTITUDE where it is not."""
+        undone = np.vstack((self._trim_b_rad, corrected.trim_b_rad(len(ordinals))))
+        changes = np.flatnonzero((np.diff(undone, axis=0) != 0).any(axis=1))
+        self._trim_b_rad = undone[-1]
+        news = [(say.ordinal, say.name, say.value) for say in self._trims_told]
+        self._trims_told.clear()
+        for row in changes.tolist():
+            news += [(int(ordinals[row]), name, value) for name, value in zip(_TRIMS, undone[row + 1], strict=False)]
+        for ordinal, name, value in sorted(news):
+            self._trims[name].put(np.array([ordinal]), np.array([value]))
 
     def _start_boot(self, segment: Segment) -> _Boot:
         before = self._boot
-        boot = _Boot(segment.boot, int(segment.t_boot_us[0]), int(segment.t_rx_us[0]), self._settings)
+        first = (int(segment.ordinal[0]), int(segment.t_boot_us[0]), int(segment.t_rx_us[0]))
+        boot = _Boot(segment.boot, *first, self._settings)
         if before is not None:
             self._boots.append(before.entry())
             self._both_alive_us += before.liveness.both_alive_us
             boot.no_compare_told = before.no_compare_told
-            self._left_pending |= before.alarm.state is State.PENDING
+            self._left_pending |= self.desk.pending(self._euler_quaternion.name)
         self._boot = boot
-        self._check.start_boot()
+        self.desk.start_boot(boot.index)
+        self._expected.start_boot()
+        for check in self._checks:
+            check.start_boot()
         for name in self._streams.keys() & set(STREAMS):  # all others are followed on receive time
             self._streams[name].start_boot()
         return boot
@@ -212,78 +402,111 @@ class VehicleJudge:
         )
         return Notice(notice.ordinal, event, Rank.CLOCK)
 
-    def _turns(self, turns: Iterator[Turn], link: LinkClock) -> Iterator[Notice]:
-        boot = self._boot
-        assert boot is not None
+    def _reset_notice(self, boot: _Boot, reset: Reset, link: LinkClock) -> Notice:
+        event = make_event(
+            "estimator_reset",
+            self.key,
+            boot.index,
+            reset.t1_us,
+            link.at(reset.ordinal),
+            tilt=math.degrees(reset.tilt_rad),
+            heading=None if math.isnan(reset.heading_rad) else math.degrees(reset.heading_rad),
+            explained_by=self._statements.before(reset.ordinal, link.at(reset.ordinal)),
+        )
+        return Notice(reset.ordinal, event)
+
+    def _turns(self, boot: _Boot, turns: Iterable[Turn], link: LinkClock) -> tuple[list[Notice], list[SignalAt]]:
+        """What the streams did, which comparisons that ends or brings back, and what the alarms are to know of it."""
+        notices, signals = [], []
+        name = self._euler_quaternion.name
         for turn in turns:
             t_rx_us = link.at(turn.ordinal)
             where = (self.key, boot.index, turn.t_boot_us, t_rx_us - turn.ago_us if t_rx_us >= 0 else t_rx_us)
             stream = STREAMS[turn.stream]
+            had = {check.name for check in self._checks if boot.has_sources(check)}
+            if turn.what == "silent":
+                continue  # it was told as stale
             if turn.what != "missing":
-                yield Notice(turn.ordinal, make_event(f"stream_{turn.what}", *where, stream=stream))
+                boot.alive[turn.stream] = turn.what != "stale"
+                notices.append(Notice(turn.ordinal, make_event(f"stream_{turn.what}", *where, stream=stream)))
+            for check in self._checks:
+                has = boot.has_sources(check)
+                if has != (check.name in had) or (turn.what == "missing" and not has):
+                    signals.append(SignalAt(turn.ordinal, check.name, Signal.FOUND if has else Signal.LOST))
             if turn.what in ("missing", "stale") and not boot.no_compare_told:
                 boot.no_compare_told = True
                 silent = "was never received" if turn.what == "missing" else "is silent"
-                reason = f"{stream} {silent}"
-                yield Notice(turn.ordinal, make_event("no_compare", *where, check=NAME, reason=reason))
-            elif boot.no_compare_told and boot.liveness.both_alive:
+                event = make_event("no_compare", *where, check=name, reason=f"{stream} {silent}")
+                notices.append(Notice(turn.ordinal, event))
+            elif boot.no_compare_told and all(boot.alive):
                 boot.no_compare_told = False
-                yield Notice(turn.ordinal, make_event("compare_resumed", *where, check=NAME))
+                notices.append(Notice(turn.ordinal, make_event("compare_resumed", *where, check=name)))
+        return notices, signals
 
-    def _alarm_notices(self, boot: _Boot, change: Change, ordinal: int, t_rx_us: int) -> Iterator[Notice]:
-        at_s = change.t_boot_us / US_PER_S
-        if change.state is State.PENDING:
-            number = 1 + sum(alarm.boot == boot.index for alarm in self.alarms)
-            name = f"{self.key[0]}.{self.key[1]}-{NAME}-{boot.index}-{number}"
-            boot.record = AlarmRecord(name, NAME, "alarm", boot.index)
-            event = "alarm_pending"
-        elif change.before is State.PENDING and change.state is State.RAISED:
-            event = "alarm_raised"
-        elif change.before is State.CLEARING and change.state is State.NORMAL:
-            event = "alarm_cleared"
-        else:
-            return
-        record = boot.record
-        assert record is not None
-        record.show(change.worst)
-        if event == "alarm_raised":
-            record.raised_boot_s, record.raised_utc = at_s, utc(t_rx_us)
-            self.alarms.append(record)
-        elif event == "alarm_cleared":
-            record.cleared_boot_s = at_s
-        head = make_event(event, self.key, boot.index, change.t_boot_us, t_rx_us)
-        yield Notice(ordinal, head | asdict(record))
+    def _breaks(self, boot: _Boot, link: LinkClock) -> tuple[list[Notice], list[SignalAt]]:
+        """Comparisons that became unable to run, or able again."""
+        notices, signals = [], []
+        for check in self._checks:
+            for one in check.breaks():
+                event, signal = ("inop", Signal.BROKEN) if one.broken else ("compare_resumed", Signal.FOUND)
+                where = (self.key, boot.index, one.t_boot_us, link.at(one.ordinal))
+                told = make_event(event, *where, check=check.name)
+                if one.broken:
+                    told["reason"] = check.broken
+                notices.append(Notice(one.ordinal, told))
+                signals.append(SignalAt(one.ordinal, check.name, signal))
+        return notices, signals
 
-    def _check_entry(self, autopilot: str) -> dict[str, Any]:
-        """The report's entry of the comparison, with its verdict and the reason for it."""
-        check = self._check
-        both_us = self._both_alive_us + (self._boot.liveness.both_alive_us if self._boot else 0)
+    def _check_entry(self, check: Check, autopilot: str) -> dict[str, Any]:
+        """The report's entry of one check, with its verdict and the reason for it."""
         numbers = check.numbers()
-        if self.alarms:
-            worst = max(self.alarms, key=lambda alarm: alarm.peak)
-            alarms = "1 alarm" if len(self.alarms) == 1 else f"{len(self.alarms)} alarms"
-            verdict, reason = "alarm", f"{alarms}, up to {worst.peak:.3g}°"
-        elif check.pairs < self._settings.euler_quaternion.counted_samples:
-            verdict, reason = "no_compare", self._why_not_compared(autopilot)
-        elif self._undecided():
-            differs = f"{check.bad} of {check.counted} pairs differ, by up to {math.degrees(check.angle.max):.3g}°"
-            verdict, reason = "no_compare", f"{differs}, but for too short a time or too seldom to raise an alarm"
-        else:
-            verdict, reason = "agree", "both forms are one rotation, within the limit and the bound of each comparison"
+        explained_by: list[dict[str, Any]] = []
+        if check is self._euler_quaternion:
+            both_us = self._both_alive_us + (self._boot.liveness.both_alive_us if self._boot else 0)
+            numbers["coverage"] = min(check.judged_us / both_us, 1.0) if both_us > 0 else None
+            explained_by = self._expected.explanations()
+        verdict, reason = self._judged(check, autopilot, explained=bool(explained_by))
+        remark = check.remark if verdict in ("agree", "explained", "no_compare") else None
         return {
-            "name": NAME,
+            "name": check.name,
             "verdict": verdict,
-            "reason": reason,
-            "coverage": min(check.judged_us / both_us, 1.0) if both_us > 0 else None,
+            "reason": f"{reason}; {remark}" if remark else reason,
+            "unit": check.unit,
             **numbers,
-            "lag_ms": None,
-            "explained_by": [],
+            "lag_ms": self._euler_quaternion.lag_ms if check is self._euler_quaternion else None,
+            "explained_by": explained_by,
         }
 
-    def _undecided(self) -> bool:
-        """Whether there was disagreement that the alarm's votes and delays never came to decide on."""
-        pending = self._boot is not None and self._boot.alarm.state is State.PENDING
-        return pending or self._left_pending or 2 * self._check.bad > self._check.counted
+    def _judged(self, check: Check, autopilot: str, *, explained: bool) -> tuple[str, str]:
+        """Verdict of one check, and the reason for it."""
+        alarms = [alarm for alarm in self.desk.alarms if alarm.check == check.name]
+        for severity in ("alarm", "warning"):
+            found = [alarm for alarm in alarms if alarm.severity == severity]
+            if found:
+                worst = max(found, key=lambda alarm: alarm.peak)
+                count = f"1 {severity}" if len(found) == 1 else f"{len(found)} {severity}s"
+                return severity, f"{count}: {worst.what}, up to {worst.peak:.3g} {worst.unit}".replace(" deg", "°")
+        if check.broken is not None:
+            return "inop", check.broken
+        if check is self._euler_quaternion:
+            if check.judged < self._settings.alarm.counted_samples:
+                return "no_compare", self._why_not_compared(autopilot)
+            undecided = self._undecided()
+            if undecided is not None:
+                return "no_compare", undecided
+        elif check.judged < self._settings.alarm.counted_samples or not check.tells:
+            return "no_compare", check.why_not()
+        if explained:
+            return "explained", "the firmware sends the two forms differently on purpose, by what was undone here"
+        return "agree", check.agrees
+
+    def _undecided(self) -> str | None:
+        """What disagreement of the two forms there was that the alarm's votes and delays never came to decide on."""
+        check = self._euler_quaternion
+        if self.desk.pending(check.name) or self._left_pending or 2 * check.bad > check.counted:
+            differs = f"{check.bad} of {check.counted} pairs differ, by up to {math.degrees(check.residual.max):.3g}°"
+            return f"{differs}, but for too short a time or too seldom to raise an alarm"
+        return None
 
     def _why_not_compared(self, autopilot: str) -> str:
         missing = [name for name in STREAMS if name not in self._streams]
@@ -292,13 +515,19 @@ class VehicleJudge:
         if missing:
             return f"{missing[0]} was never received: {how_to_get(missing[0], autopilot)}"
         usable = min(self._streams[name].count - self._streams[name].invalid for name in STREAMS)
-        if usable < self._settings.euler_quaternion.counted_samples:
+        if usable < self._settings.alarm.counted_samples:
             rarest = min(STREAMS, key=lambda name: self._streams[name].count - self._streams[name].invalid)
             return f"only {usable} usable samples of {rarest}: {how_to_get(rarest, autopilot)}"
         return (
-            f"only {self._check.pairs} pairs could be judged: the two streams never came at one instant, nor with gaps "
-            f"below {self._settings.alignment.max_gap_s:g} s and body rates to interpolate with"
+            f"only {self._euler_quaternion.judged} pairs could be judged: the two streams never came at one instant, "
+            f"nor with gaps below {self._settings.alignment.max_gap_s:g} s and body rates to interpolate with"
         )
+
+
+def _of_boot(secondary: Secondary, boot: _Boot) -> Secondary:
+    """What came of the second estimate within the boot."""
+    rows = (secondary.samples.boot == boot.index) & (secondary.ordinal >= boot.ordinal)
+    return Secondary(secondary.samples[rows], secondary.ordinal[rows], secondary.gap_us[rows])
 
 
 def how_to_get(message: str, autopilot: str) -> str:

@@ -16,6 +16,8 @@ from gcs_bridge.settings import StreamSettings
 
 Int64s = npt.NDArray[np.int64]
 
+# No timed message at all for so long, although the vehicle may be heard: a rebooting autopilot speaks again before.
+LONG_SILENCE_US = 10_000_000
 OTHER = 2  # a timed message that is neither of the two attitude streams
 
 
@@ -71,9 +73,10 @@ class Turn(NamedTuple):
 
     ordinal: int
     stream: int
-    what: str  # "started", "stale", "resumed", or "missing": it never came at all
+    what: str  # "started", "stale", "resumed"; "missing": it never came at all; "silent": see LONG_SILENCE_US
     t_boot_us: int
     ago_us: int = 0  # how long before that frame it was
+    silent_us: int = 0  # of a stale one: since its last sample
 
 
 class _Stream:
@@ -83,6 +86,7 @@ class _Stream:
         self.last_us = 0  # the vehicle's time when it was last heard: a stream that comes late is not silent
         self.period_us = -1
         self.rx_period_us = -1
+        self.silence_told = False
 
     def learn(self, period_us: int, rx_period_us: int) -> None:
         """Take what is known of the stream's period now; −1 changes nothing."""
@@ -165,6 +169,10 @@ class Liveness:
         if not len(silence_us) or silence_us[-1] <= self._shortest_us:
             return
         for k, stream in enumerate(self.streams):
+            long = np.flatnonzero(silence_us > LONG_SILENCE_US)
+            if stream.seen and len(long) and not stream.silence_told:
+                stream.silence_told = True
+                yield Turn(int(link.ordinal[since + long[0]]), k, "silent", self._latest_us, 0, LONG_SILENCE_US)
             allowed_us = self._deadline_us(stream.rx_period_us if stream.rx_period_us >= 0 else stream.period_us)
             passed = np.flatnonzero(silence_us > allowed_us)
             if stream.alive and len(passed):
@@ -209,6 +217,7 @@ class Liveness:
         if not stream.alive:
             turn = Turn(ordinal, k, "resumed" if stream.seen else "started", t_us)
             stream.seen = stream.alive = True
+            stream.silence_told = False
             stream.last_us = self._latest_us
             if self.both_alive:
                 self._both_since_us = self._latest_us
@@ -221,4 +230,4 @@ class Liveness:
         if self._both_since_us is not None:
             self._both_us += max(self.streams[k].last_us - self._both_since_us, 0)
             self._both_since_us = None
-        yield Turn(ordinal, k, "stale", at_us, ago_us)
+        yield Turn(ordinal, k, "stale", at_us, ago_us, at_us - self.streams[k].last_us)

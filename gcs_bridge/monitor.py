@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gcs_bridge.desk import Desk
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event, Notice, Rank, in_order, make_event
 from gcs_bridge.judge import STREAMS, Observer, VehicleJudge
@@ -92,6 +93,25 @@ class Monitor:
         quiet = self._links.values() if link is None else filter(None, [self._links.get(link)])
         return [event for one in quiet for event in one.advance(t_rx_us)]
 
+    def acknowledge(self, alarm_id: str, t_rx_us: int) -> list[Event]:
+        """Somebody has seen an alarm; UsageError for one that is not known, or was acknowledged before."""
+        return self._answer(alarm_id, lambda desk, ordinal: desk.acknowledge(alarm_id, ordinal, t_rx_us))
+
+    def shelve(self, alarm_id: str, t_rx_us: int, duration_s: float) -> list[Event]:
+        """Tell nothing of an alarm, and of its returns, for `duration_s` of receive time; UsageError as above."""
+        return self._answer(alarm_id, lambda desk, ordinal: desk.shelve(alarm_id, ordinal, t_rx_us, duration_s))
+
+    def unshelve(self, alarm_id: str, t_rx_us: int) -> list[Event]:
+        """Tell of an alarm again before its time; UsageError for one that is not shelved."""
+        return self._answer(alarm_id, lambda desk, ordinal: desk.unshelve(alarm_id, ordinal, t_rx_us))
+
+    def _answer(self, alarm_id: str, what: Callable[[Desk, int], Iterable[Notice]]) -> list[Event]:
+        for link in self._links.values():
+            for desk in link.desks():
+                if desk.owns(alarm_id):
+                    return _events(what(desk, link.frames))
+        raise UsageError(f"unknown alarm {alarm_id!r}")
+
     def finish(self) -> list[Event]:
         """Nothing follows: decide what is still undecided, and tell what comes of it."""
         return [event for link in self._links.values() for event in link.finish()]
@@ -145,7 +165,7 @@ class _Vehicle:
 
     def take(self, batch: VehicleBatch, ordinals: Int64s, link: LinkClock) -> list[Notice]:
         """Judge what a batch brought, in its frames `ordinals`."""
-        return self._release([*self._turns(ordinals, link), *self.judge.take(batch, link)])
+        return self._release([*self._turns(ordinals, link), *self.judge.take(batch, ordinals, link)])
 
     def advance(self, link: LinkClock) -> list[Notice]:
         """Time passed on the link and nothing of this vehicle came."""
@@ -241,6 +261,9 @@ class _Link:
         self._latest_rx_us = t_rx_us
         clock = LinkClock(np.array([self.frames]), np.array([t_rx_us]))
         return _events(notice for vehicle in self._vehicles.values() for notice in vehicle.advance(clock))
+
+    def desks(self) -> Iterator[Desk]:
+        return (vehicle.judge.desk for vehicle in self._vehicles.values())
 
     def finish(self) -> list[Event]:
         return [] if self._datagrams else self.feed(b"", self._latest_rx_us, final=True)

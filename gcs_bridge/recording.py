@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
 from gcs_bridge.align import match_kernel
 from gcs_bridge.errors import SourceError, UsageError
 from gcs_bridge.events import Event
+from gcs_bridge.judge import Observation
 from gcs_bridge.mavlink.decode import gather
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.jit import needs_compiling
@@ -34,6 +35,17 @@ from gcs_bridge.settings import Settings, VehicleSettings, load_settings
 from gcs_bridge.vehicles import VehicleReader
 
 Progress = Callable[[int, int], None]
+
+
+class Witness(Protocol):
+    """Whoever wants to see how a recording is judged."""
+
+    def observe(self, observation: Observation) -> None:
+        """Take what was judged: before the events that came of it."""
+
+    def take(self, events: list[Event]) -> None:
+        """Take the events of a piece of the recording, none included."""
+
 
 _PIECE = 2**22  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
 _PROBE = 2**18  # bytes by which a recording is told from a stream without times
@@ -84,7 +96,7 @@ def read(path: str | Path, *, dialect: str = "all") -> Recording:
     path = Path(path)
     tables = open_dialect(dialect)
     with _opened(path) as file:
-        _announce()
+        _announce(scan_kernel, gather)
         scanner = Scanner(tables, timed=_start_us(file, tables, path) is not None)
         gathered: dict[int, _Gathered] = {}
         n_frames = 0
@@ -122,22 +134,28 @@ def check_file(
     from_s: float | None = None,
     to_s: float | None = None,
     progress: Progress | None = None,
+    witness: Witness | None = None,
 ) -> dict[str, Any]:
     """Judge one recording and return its entry in the report.
 
-    `progress` is told bytes done and bytes in all. Raises SourceError where the file cannot be used, UsageError where
-    `from_s` is past its end or the file has no times to select by.
+    `progress` is told bytes done and bytes in all, `witness` is shown how it is judged. Raises SourceError where the
+    file cannot be used, UsageError where `from_s` is past its end or the file has no times to select by.
     """
-    monitor = Monitor(settings=settings, dialect=dialect, sysid=sysid, from_s=from_s, to_s=to_s)
+    observer = None if witness is None else witness.observe
+    monitor = Monitor(settings=settings, dialect=dialect, sysid=sysid, from_s=from_s, to_s=to_s, observer=observer)
     with open_recording(path, dialect) as source:
         if from_s is not None or to_s is not None:
             source.need_times("--from and --to cannot select by them")
         done = 0
         for piece in source.pieces():
-            source.feed(monitor, piece)
+            events = source.feed(monitor, piece)
+            if witness is not None:
+                witness.take(events)
             done += len(piece)
             if progress is not None:
                 progress(done, source.size)
+    if witness is not None:
+        witness.take(monitor.finish())
     return closing_entry(monitor, path)
 
 
@@ -169,10 +187,10 @@ class Source:
 
 
 @contextmanager
-def open_recording(path: Path, dialect: str = "all") -> Iterator[Source]:
+def open_recording(path: Path, dialect: str = "all", *, judged: bool = True) -> Iterator[Source]:
     """The recording, open; SourceError where it cannot be used, also later while it is read."""
     with _opened(path) as file:
-        _announce()
+        _announce(scan_kernel, *([gather, match_kernel] if judged else []))
         yield Source(file, path, _start_us(file, open_dialect(dialect), path))
 
 
@@ -191,7 +209,7 @@ class _Gathered:
     """The samples of one (system, component), piece by piece."""
 
     def __init__(self, sysid: int, compid: int, dialect: Dialect) -> None:
-        self.reader = VehicleReader(sysid, compid, dialect, VehicleSettings(), with_imu=True)
+        self.reader = VehicleReader(sysid, compid, dialect, VehicleSettings())
         self._attitude = [no_attitudes(ATTITUDE)]
         self._quaternion = [no_attitudes(ATTITUDE_QUATERNION)]
         self._imu: dict[str, list[ImuSamples]] = {}
@@ -200,8 +218,8 @@ class _Gathered:
         batch = self.reader.read(scanner.buffer, frames, ordinals, np.ones(len(frames), np.bool_))
         self._attitude += [segment.euler for segment in batch.segments]
         self._quaternion += [segment.quaternion for segment in batch.segments]
-        for name, samples in batch.imu.items():
-            self._imu.setdefault(name, []).append(samples)
+        for name, inertial in batch.imu.items():
+            self._imu.setdefault(name, []).append(inertial.samples)
 
     def samples(self) -> VehicleSamples:
         return VehicleSamples(
@@ -213,9 +231,9 @@ class _Gathered:
         )
 
 
-def _announce() -> None:
+def _announce(*kernels: Any) -> None:
     """Say before the wait that the kernels are compiled now: it happens once on a machine, and takes seconds."""
-    if needs_compiling(scan_kernel, gather, match_kernel):
+    if needs_compiling(*kernels):
         sys.stderr.write("gcs-bridge: compiling its kernels, once on this machine (some seconds)\n")
         sys.stderr.flush()
 

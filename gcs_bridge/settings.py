@@ -1,7 +1,7 @@
 """Settings: TOML files and flags → one frozen, validated value; default < profile < file < flag.
 
-In files, angles are degrees and their keys end in `_deg`; here they become radians, once, and end in `_rad`.
-The structs below are the only list of keys, defaults and allowed ranges; `config/default.toml` explains them.
+In files, angles are degrees and their keys end in `_deg` (rates: `_deg_s`); here they become radians, once.
+The structs below are the only list of keys, defaults and allowed ranges; `config/example.toml` explains them.
 """
 
 from __future__ import annotations
@@ -22,11 +22,19 @@ from gcs_bridge import resources
 from gcs_bridge.errors import UsageError, one_line
 
 __all__ = [
+    "AlarmSettings",
     "AlignmentSettings",
+    "BodyRatesSettings",
     "CheckSettings",
     "EulerQuaternionSettings",
     "FailOn",
+    "GravitySettings",
+    "GyroSettings",
+    "KinematicsSettings",
+    "MagHeadingSettings",
+    "QuaternionNormSettings",
     "ResetSettings",
+    "SecondaryEstimateSettings",
     "Settings",
     "SettingsError",
     "StreamSettings",
@@ -40,6 +48,8 @@ FailOn = Literal["warning", "alarm", "never"]
 _Angle = Annotated[float, Meta(gt=0, le=math.pi)]
 _Duration = Annotated[float, Meta(gt=0, le=3600)]
 _Delay = Annotated[float, Meta(ge=0, le=3600)]
+_Rate = Annotated[float, Meta(gt=0, le=100)]
+_Share = Annotated[float, Meta(gt=0, lt=1)]
 _Count = Annotated[int, Meta(ge=1, le=1000)]
 
 
@@ -61,17 +71,20 @@ class ResetSettings(Struct, frozen=True, kw_only=True):
     per_rate_s: Annotated[float, Meta(ge=0, le=1)] = 0.002
 
 
-class EulerQuaternionSettings(Struct, frozen=True, kw_only=True):
-    """ATTITUDE against ATTITUDE_QUATERNION: limits and delays."""
+class AlarmSettings(Struct, frozen=True, kw_only=True):
+    """Votes, delays and grouping of alarms, of every check that names no others."""
 
-    limit_rad: _Angle = math.radians(0.5)
-    usable_bound_rad: _Angle = math.radians(2.0)
     bad_samples: _Count = 3
     counted_samples: _Count = 5
     window_s: _Duration = 5.0
     on_delay_s: _Delay = 1.0
     off_delay_s: _Delay = 2.0
     clear_below: Annotated[float, Meta(gt=0, le=1)] = 0.7
+    repeat_s: _Delay = 30.0
+    chatter_raises: _Count = 3
+    chatter_window_s: _Duration = 60.0
+    flood_raises: _Count = 10
+    flood_window_s: _Duration = 600.0
 
     def __post_init__(self) -> None:
         if self.bad_samples > self.counted_samples:
@@ -81,11 +94,98 @@ class EulerQuaternionSettings(Struct, frozen=True, kw_only=True):
             )
 
 
+class EulerQuaternionSettings(Struct, frozen=True, kw_only=True):
+    """ATTITUDE against ATTITUDE_QUATERNION."""
+
+    limit_rad: _Angle = math.radians(0.5)
+    usable_bound_rad: _Angle = math.radians(2.0)
+    mean_limit_rad: _Angle = math.radians(0.3)
+    mean_window_s: _Duration = 10.0
+    mean_pairs: _Count = 8
+    mean_hold_s: _Delay = 3.0
+
+
+class QuaternionNormSettings(Struct, frozen=True, kw_only=True):
+    """How far the norm of ATTITUDE_QUATERNION may be off 1."""
+
+    warning: _Share = 1e-3
+    alarm: _Share = 1e-2
+
+
+class BodyRatesSettings(Struct, frozen=True, kw_only=True):
+    """The rates of ATTITUDE against those of ATTITUDE_QUATERNION."""
+
+    warning_rad_s: _Rate = math.radians(2.0)
+    alarm_rad_s: _Rate = math.radians(10.0)
+
+
+class KinematicsSettings(Struct, frozen=True, kw_only=True):
+    """Each stream's rotation against its own rates; the limit of a step is [reset]'s."""
+
+    slope_low: Annotated[float, Meta(gt=0, lt=1)] = 0.7
+    slope_high: Annotated[float, Meta(gt=1, le=10)] = 1.4
+    slope_window_s: _Duration = 10.0
+    slope_least_hz: Annotated[float, Meta(gt=0, le=1000)] = 10.0
+    slope_least_rad_s: _Rate = math.radians(5.0)
+
+
+class GyroSettings(Struct, frozen=True, kw_only=True):
+    """The IMU's gyro against the rates of the attitude, once its own bias is known."""
+
+    warning_rad_s: _Rate = math.radians(5.0)
+    alarm_rad_s: _Rate = math.radians(15.0)
+    bias_time_s: _Duration = 30.0
+    skipped_s: _Delay = 10.0
+    usable_below_rad_s: Annotated[float, Meta(gt=0, le=1000)] = math.radians(1375.0)
+
+
+class GravitySettings(Struct, frozen=True, kw_only=True):
+    """The accelerometer's down against the attitude's, at rest; and in flight where they differ grossly."""
+
+    warning_rad: _Angle = math.radians(5.0)
+    alarm_rad: _Angle = math.radians(10.0)
+    gross_rad: _Angle = math.radians(45.0)
+    gross_window_s: _Duration = 3.0
+    gross_below_rad_s: _Rate = math.radians(10.0)
+    gross_bank_rad: _Angle = math.radians(30.0)
+    still_below_m_s2: Annotated[float, Meta(gt=0, le=10)] = 0.3
+
+
+class SecondaryEstimateSettings(Struct, frozen=True, kw_only=True):
+    """AHRS2, the second estimate, against the first."""
+
+    tilt_warning_rad: _Angle = math.radians(5.0)
+    tilt_alarm_rad: _Angle = math.radians(10.0)
+    heading_warning_rad: _Angle = math.radians(10.0)
+    heading_alarm_rad: _Angle = math.radians(20.0)
+    quiet_s: _Duration = 10.0
+    quiet_below_rad_s: _Rate = math.radians(10.0)
+    quiet_bank_rad: _Angle = math.radians(30.0)
+    skipped_s: _Delay = 30.0
+    agreed_rad: _Angle = math.radians(5.0)
+    agreed_s: _Duration = 10.0
+    gross_rad: _Angle = math.radians(45.0)
+    gross_s: _Delay = 5.0
+
+
+class MagHeadingSettings(Struct, frozen=True, kw_only=True):
+    """The compass against the attitude's heading: information, never an alarm."""
+
+    information_rad: _Angle = math.radians(30.0)
+    skipped_s: _Delay = 10.0
+    quiet_below_rad_s: _Rate = math.radians(30.0)
+    quiet_bank_rad: _Angle = math.radians(30.0)
+
+
 class StreamSettings(Struct, frozen=True, kw_only=True):
-    """When a stream counts as stale."""
+    """When a stream counts as stale, frozen or slow."""
 
     stale_periods: Annotated[float, Meta(gt=0, le=1000)] = 5.0
     stale_after_s: _Duration = 2.0
+    frozen_after_s: _Duration = 2.0
+    moved_rad: _Angle = math.radians(1.0)
+    slow_below: Annotated[float, Meta(gt=0, lt=1)] = 0.5
+    slow_after_s: _Duration = 5.0
 
 
 class CheckSettings(Struct, frozen=True, kw_only=True):
@@ -105,7 +205,15 @@ class Settings(Struct, frozen=True, kw_only=True):
 
     alignment: AlignmentSettings = AlignmentSettings()
     reset: ResetSettings = ResetSettings()
+    alarm: AlarmSettings = AlarmSettings()
     euler_quaternion: EulerQuaternionSettings = EulerQuaternionSettings()
+    quaternion_norm: QuaternionNormSettings = QuaternionNormSettings()
+    body_rates: BodyRatesSettings = BodyRatesSettings()
+    kinematics: KinematicsSettings = KinematicsSettings()
+    gyro: GyroSettings = GyroSettings()
+    gravity: GravitySettings = GravitySettings()
+    secondary_estimate: SecondaryEstimateSettings = SecondaryEstimateSettings()
+    mag_heading: MagHeadingSettings = MagHeadingSettings()
     stream: StreamSettings = StreamSettings()
     check: CheckSettings = CheckSettings()
     vehicle: VehicleSettings = VehicleSettings()
@@ -184,11 +292,11 @@ def _changed(settings: Settings, table: Mapping[str, object], *, origin: str) ->
 
 def _keys(section: Struct) -> dict[str, FieldInfo]:
     """A section's keys as files write them."""
-    return {re.sub("_rad$", "_deg", field.name): field for field in fields(section)}
+    return {re.sub("_rad(?=$|_s$)", "_deg", field.name): field for field in fields(section)}
 
 
 def _is_angle(field: FieldInfo) -> bool:
-    return field.name.endswith("_rad")
+    return re.search("_rad(_s)?$", field.name) is not None
 
 
 def _converted(value: object, field: FieldInfo) -> object:

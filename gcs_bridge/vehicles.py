@@ -14,33 +14,42 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.clocks import BootClock, ClockChange
+from gcs_bridge.clocks import BootClock, ClockChange, OffsetClock
 from gcs_bridge.mavlink.decode import decode
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
 from gcs_bridge.samples import (
+    AHRS2,
     ATTITUDE,
     ATTITUDE_QUATERNION,
     IMU_MESSAGES,
     AttitudeSamples,
     ImuSamples,
     Records,
+    UnitResolver,
     attitude_quaternion_samples,
     attitude_samples,
     clock_us,
     imu_samples,
+    no_attitudes,
+    secondary_samples,
 )
 from gcs_bridge.settings import VehicleSettings
+from gcs_bridge.told import FlagsSet, LandedSet, ModeSet, TextSaid, Told, parameters, text_of
 
+Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 # Messages whose time_boot_ms keeps the clock; the first two are the streams that are compared.
 TIMED = (ATTITUDE, ATTITUDE_QUATERNION, "SYSTEM_TIME", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
-COUNTED = (*IMU_MESSAGES, "AHRS2")  # of the others, the ones whose coming is reported
+COUNTED = (*IMU_MESSAGES, AHRS2)  # of the others, the ones whose coming is reported
 
 _AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT_INVALID: not a flight controller
 _TYPE_GCS = 6  # MAV_TYPE_GCS
+_ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
+_LANDED = {1: True, 2: False, 3: False, 4: False}  # MAV_LANDED_STATE; 0: it does not know
+_FLAGS = (("EKF_STATUS_REPORT", "flags"), ("ESTIMATOR_STATUS", "flags"), ("ODOMETRY", "reset_counter"))
 _AUTOPILOTS = {3: "ardupilot"}  # MAV_AUTOPILOT_ARDUPILOTMEGA, as everybody calls it; others by MAVLink's own name
 
 
@@ -49,7 +58,7 @@ class Segment:
     """What one batch brought of one vehicle within one boot.
 
     n messages with a believed boot time, in order of arrival: `message` (n,) index into TIMED, `t_boot_us`, `t_rx_us`,
-    `ordinal` (n,) of the frame in its link, `lost` (n,) frames of the vehicle that were missing so far. Of them the
+    `ordinal` (n,) of the frame in its link, `lost`, `received` (n,) frames of the vehicle so far. Of them the
     attitudes are `euler` and `quaternion`, samples in the same order.
     """
 
@@ -59,6 +68,7 @@ class Segment:
     t_rx_us: Int64s
     ordinal: Int64s
     lost: Int64s
+    received: Int64s
     euler: AttitudeSamples
     quaternion: AttitudeSamples
 
@@ -75,6 +85,13 @@ class Segment:
         return valid
 
 
+def no_segment(boot: int) -> Segment:
+    """A segment without messages."""
+    none = np.empty(0, np.int64)
+    attitudes = no_attitudes(ATTITUDE), no_attitudes(ATTITUDE_QUATERNION)
+    return Segment(boot, none, none, none, none, none, none, *attitudes)
+
+
 class ClockNotice(NamedTuple):
     """A clock's change and the frame that showed it."""
 
@@ -83,14 +100,46 @@ class ClockNotice(NamedTuple):
     t_rx_us: int
 
 
+class Inertial(NamedTuple):
+    """IMU samples, n, and the ordinals (n,) of their frames."""
+
+    samples: ImuSamples
+    ordinal: Int64s
+
+
+class Secondary(NamedTuple):
+    """Attitudes of the second estimate, n, whose time lies between the timed messages on both sides of them.
+
+    `ordinal` (n,) of the frame behind, by which the time was known; `gap_us` (n,) between the two.
+    """
+
+    samples: AttitudeSamples
+    ordinal: Int64s
+    gap_us: Int64s
+
+
+class Motion(NamedTuple):
+    """LOCAL_POSITION_NED, n: `ordinal` (n,) and how fast the velocity changed since the one before, m/s² (n,)."""
+
+    ordinal: Int64s
+    acceleration_m_s2: Floats
+
+
 @dataclass(frozen=True)
 class VehicleBatch:
-    """What one batch brought of one vehicle: its boots in turn, clock changes, and messages that are only counted."""
+    """What one batch brought of one vehicle: its boots in turn, clock changes, what it said of itself.
+
+    `counted` holds the receive times, µs, of messages without a boot time of their own; `imu` and `secondary` what
+    these carry.
+    """
 
     segments: list[Segment]
     clock_changes: list[ClockNotice]
-    counted: dict[str, Int64s]  # receive times, µs
-    imu: dict[str, ImuSamples]
+    counted: dict[str, Int64s]
+    imu: dict[str, Inertial]
+    secondary: Secondary
+    told: list[Told]
+    motion: Motion
 
 
 class _Timed(NamedTuple):
@@ -102,6 +151,7 @@ class _Timed(NamedTuple):
     t_rx_us: Int64s
     ordinal: Int64s
     lost: Int64s
+    received: Int64s
     in_window: Mask
     records: list[Records]  # one array a name in TIMED
 
@@ -115,6 +165,7 @@ class _Timed(NamedTuple):
             self.t_rx_us[-1:],
             self.ordinal[-1:],
             self.lost[-1:],
+            self.received[-1:],
             self.in_window[-1:],
             [of[row : row + 1] if name == kind else of[:0] for name, of in enumerate(self.records)],
         )
@@ -129,32 +180,50 @@ class _Timed(NamedTuple):
             np.concatenate((self.t_rx_us, then.t_rx_us)),
             np.concatenate((self.ordinal, then.ordinal)),
             np.concatenate((self.lost, then.lost)),
+            np.concatenate((self.received, then.received)),
             np.concatenate((self.in_window, then.in_window)),
             [np.concatenate(both) for both in zip(self.records, then.records, strict=True)],
         )
 
 
+class _Known(NamedTuple):
+    """Believed times of one batch: `ordinal`, `boot`, `t_boot_us` (n,); the first is the last of the batch before."""
+
+    ordinal: Int64s
+    boot: Int64s
+    t_boot_us: Int64s
+
+
+_MOTION_GAP_S = 2.0
+_NO_ANGLES = np.dtype([("roll", "f4"), ("pitch", "f4"), ("yaw", "f4")])
+
+
 class VehicleReader:
     """Reads one (system, component) of a link."""
 
-    def __init__(
-        self, sysid: int, compid: int, dialect: Dialect, settings: VehicleSettings, *, with_imu: bool = False
-    ) -> None:
-        """Start with nothing heard; inertial samples are made only `with_imu`."""
+    def __init__(self, sysid: int, compid: int, dialect: Dialect, settings: VehicleSettings) -> None:
+        """Start with nothing heard."""
         self.key = (sysid, compid)
         self.autopilot = "unknown"
         self.type = "unknown"
         self.clock = BootClock()
         self._dialect = dialect
         self._settings = settings
-        self._with_imu = with_imu
         self._seen: tuple[int, int] | None = None
         self._standing: list[tuple[int, bool]] = []  # from which frame on it is a vehicle, or is none
         self._is_autopilot = False
+        self._autopilot_ordinal = 0
         self._run = 0
         self._held: _Timed | None = None  # the message that the clock doubts
         self._latest = (0, -1)  # boot and boot time last believed
-        self._imu_offset_us: dict[tuple[str, int], int] = {}
+        self._imu_clocks: dict[tuple[str, int], OffsetClock] = {}
+        self._units = {name: UnitResolver(name) for name in IMU_MESSAGES}
+        self._untimed: tuple[Records, Int64s, Int64s] | None = None  # AHRS2 that wait for the next timed message
+        self._mode: tuple[int, int, int, bool] | None = None
+        self._flags: dict[str, int] = {}
+        self._received = 0  # frames before this batch
+        self._present: frozenset[int] = frozenset()  # ids in this batch
+        self._velocity: tuple[float, Floats] | None = None  # the last time, s, and velocity, m/s
 
     @property
     def is_vehicle(self) -> bool:
@@ -176,7 +245,9 @@ class VehicleReader:
 
         Samples outside the window are left out; the clock and the identity are followed there too.
         """
+        self._present = frozenset(np.unique(frames["msgid"]).tolist())
         timed = self._read_timed(buffer, frames, ordinals, in_window)
+        self._received += len(frames)
         times = self.clock.read(timed.time_boot_ms, timed.t_rx_us)
         changes = [
             ClockNotice(change, int(timed.ordinal[change.place]), int(timed.t_rx_us[change.place]))
@@ -205,23 +276,26 @@ class VehicleReader:
                 mine = picked[timed.message[picked] == kind]
                 records = timed.records[kind][timed.record[mine]]
                 samples.append(make(records, boot[mine], t_boot_us[mine], timed.t_rx_us[mine]))
-            columns = (timed.t_rx_us[picked], timed.ordinal[picked], timed.lost[picked])
+            columns = (timed.t_rx_us[picked], timed.ordinal[picked], timed.lost[picked], timed.received[picked])
             segments.append(Segment(index, timed.message[picked], t_boot_us[picked], *columns, *samples))
         self._identify(buffer, frames, ordinals, segments)
 
         counted = {name: frames["t_rx_us"][of] for name in COUNTED if len(of := self._rows(frames, name, in_window))}
+        known = _Known(
+            np.concatenate(([-1], timed.ordinal[believed])),
+            np.concatenate(([self._latest[0]], boot[believed])),
+            np.concatenate(([self._latest[1]], t_boot_us[believed])),
+        )
+        self._latest = int(known.boot[-1]), int(known.t_boot_us[-1])
         imu = {}
-        if self._with_imu:
-            for name in IMU_MESSAGES:
-                of = self._rows(frames, name, in_window)
-                if len(of):
-                    nearest = np.searchsorted(timed.ordinal[believed], ordinals[of]) - 1
-                    boots = np.concatenate((boot[believed], [self._latest[0]]))[nearest]
-                    latest_us = np.concatenate((t_boot_us[believed], [self._latest[1]]))[nearest]
-                    imu[name] = self._read_imu(name, buffer, frames[of], boots, latest_us)
-            if believed.any():
-                self._latest = (int(boot[believed][-1]), int(t_boot_us[believed][-1]))
-        return VehicleBatch(segments, changes, counted, imu)
+        for name in IMU_MESSAGES:
+            of = self._rows(frames, name, in_window)
+            if len(of):
+                imu[name] = Inertial(self._read_imu(name, buffer, frames[of], ordinals[of], known), ordinals[of])
+        secondary = self._read_secondary(buffer, frames, ordinals, in_window, known)
+        told = self._read_told(buffer, frames, ordinals)
+        motion = self._read_motion(buffer, frames, ordinals)
+        return VehicleBatch(segments, changes, counted, imu, secondary, told, motion)
 
     def _read_timed(self, buffer: Bytes, frames: Frames, ordinals: Int64s, in_window: Mask) -> _Timed:
         rows_of = [self._rows(frames, name) for name in TIMED]
@@ -239,12 +313,13 @@ class VehicleReader:
             frames["t_rx_us"][rows],
             ordinals[rows],
             frames["lost"][rows],
+            self._received + rows,
             in_window[rows],
             records,
         )
 
     def _rows(self, frames: Frames, name: str, also: Mask | None = None) -> Int64s:
-        if name not in self._dialect:
+        if name not in self._dialect or self._dialect[name].msgid not in self._present:
             return np.empty(0, np.int64)
         mine = frames["msgid"] == self._dialect[name].msgid
         return np.flatnonzero(mine if also is None else mine & also)
@@ -268,10 +343,9 @@ class VehicleReader:
                 self._stand(ordinal, t_rx_us, is_one=False)
             else:
                 self._is_autopilot = True
-                self.autopilot = _AUTOPILOTS.get(int(sign["autopilot"])) or self._dialect.enum_name(
-                    "MAV_AUTOPILOT", int(sign["autopilot"])
-                )
-                self.type = self._dialect.enum_name("MAV_TYPE", int(sign["type"]))
+                self._autopilot_ordinal = ordinal
+                self.autopilot = self._autopilot_name(int(sign["autopilot"]))
+                self.type = self._type_name(int(sign["type"]))
                 self._stand(ordinal, t_rx_us, is_one=True)
                 return
 
@@ -290,21 +364,102 @@ class VehicleReader:
         if is_one and self._seen is None:
             self._seen = (ordinal, t_rx_us)
 
-    def _read_imu(self, name: str, buffer: Bytes, frames: Frames, boots: Int64s, latest_us: Int64s) -> ImuSamples:
-        """IMU samples; their own clock is mapped by the running minimum of its offset to the boot time last heard.
-
-        A message is never heard before it was stamped, so the smallest offset is the nearest to the true one. Before
-        the first boot time there is no offset: the boot time is −1.
-        """
+    def _read_imu(self, name: str, buffer: Bytes, frames: Frames, ordinals: Int64s, known: _Known) -> ImuSamples:
+        """IMU samples on the vehicle's boot clock; −1 before its first time."""
         records = decode(buffer, frames, self._dialect[name])
-        t_us = clock_us(records)
-        t_boot_us = np.full(len(t_us), -1)
-        for boot in np.unique(boots):
-            mine = np.flatnonzero((boots == boot) & (latest_us >= 0))
-            if len(mine):
-                largest = np.iinfo(np.int64).max
-                known = self._imu_offset_us.get((name, int(boot)), largest)
-                offset = np.minimum.accumulate(np.concatenate(([known], t_us[mine] - latest_us[mine])))[1:]
-                self._imu_offset_us[name, int(boot)] = int(offset[-1])
-                t_boot_us[mine] = t_us[mine] - offset
-        return imu_samples(name, records, self.autopilot, boots, t_boot_us, frames["t_rx_us"].copy())
+        before = np.searchsorted(known.ordinal, ordinals) - 1
+        boots, t_us = known.boot[before], clock_us(records)
+        if name in TIMED:
+            at = np.minimum(before + 1, len(known.ordinal) - 1)
+            t_boot_us = np.where(known.ordinal[at] == ordinals, known.t_boot_us[at], -1)
+        else:
+            t_boot_us = np.full(len(t_us), -1)
+            for boot in np.unique(boots).tolist():
+                mine = np.flatnonzero((boots == boot) & (known.t_boot_us[before] >= 0))
+                if len(mine):
+                    clock = self._imu_clocks.setdefault((name, boot), OffsetClock())
+                    t_boot_us[mine] = clock.map(t_us[mine], known.t_boot_us[before[mine]])
+        since = int(np.searchsorted(ordinals, self._autopilot_ordinal))
+        units = self._units[name].resolve(records, self.autopilot, since)
+        return imu_samples(name, records, units, boots, t_boot_us, frames["t_rx_us"].copy())
+
+    def _read_secondary(
+        self, buffer: Bytes, frames: Frames, ordinals: Int64s, in_window: Mask, known: _Known
+    ) -> Secondary:
+        """AHRS2, stamped midway between the timed messages on both sides; the last ones wait for the next message."""
+        none = np.empty(0, np.int64)
+        rows = self._rows(frames, AHRS2, in_window)
+        if AHRS2 not in self._dialect:
+            return Secondary(secondary_samples(np.empty(0, _NO_ANGLES), none, none, none), none, none)
+        records, at, t_rx_us = (
+            decode(buffer, frames[rows], self._dialect[AHRS2]),
+            ordinals[rows],
+            frames["t_rx_us"][rows],
+        )
+        if self._untimed is not None:
+            records = np.concatenate((self._untimed[0], records))
+            at = np.concatenate((self._untimed[1], at))
+            t_rx_us = np.concatenate((self._untimed[2], t_rx_us))
+        behind = np.searchsorted(known.ordinal, at)
+        timed = behind < len(known.ordinal)
+        self._untimed = (records[~timed], at[~timed], t_rx_us[~timed]) if not timed.all() else None
+        behind = behind[timed]
+        before = behind - 1
+        usable = (known.t_boot_us[before] >= 0) & (known.boot[before] == known.boot[behind])
+        picked, before, behind = np.flatnonzero(timed)[usable], before[usable], behind[usable]
+        t_boot_us = (known.t_boot_us[before] + known.t_boot_us[behind]) // 2
+        samples = secondary_samples(records[picked], known.boot[behind], t_boot_us, t_rx_us[picked])
+        return Secondary(samples, known.ordinal[behind], np.abs(known.t_boot_us[behind] - known.t_boot_us[before]))
+
+    def _read_told(self, buffer: Bytes, frames: Frames, ordinals: Int64s) -> list[Told]:
+        """What the vehicle said of itself, in order of arrival."""
+        told: list[Told] = []
+        for beat, ordinal in self._records("HEARTBEAT", buffer, frames, ordinals):
+            mode = int(beat["autopilot"]), int(beat["type"]), int(beat["custom_mode"]), bool(beat["base_mode"] & _ARMED)
+            if mode != self._mode:
+                self._mode = mode
+                told.append(ModeSet(ordinal, self._autopilot_name(mode[0]), self._type_name(mode[1]), *mode[2:]))
+        rows = self._rows(frames, "PARAM_VALUE")
+        if len(rows):
+            records = decode(buffer, frames[rows], self._dialect["PARAM_VALUE"])
+            told += parameters(records, ordinals[rows], self.autopilot)
+        for state, ordinal in self._records("EXTENDED_SYS_STATE", buffer, frames, ordinals):
+            told.append(LandedSet(ordinal, _LANDED.get(int(state["landed_state"]))))
+        for said, ordinal in self._records("STATUSTEXT", buffer, frames, ordinals):
+            told.append(TextSaid(ordinal, text_of(said)))
+        for name, field in _FLAGS:
+            for record, ordinal in self._records(name, buffer, frames, ordinals):
+                what, value = f"{name}.{field}", int(record[field])
+                if self._flags.get(what, value) != value:
+                    told.append(FlagsSet(ordinal, what, self._flags[what], value))
+                self._flags[what] = value
+        return sorted(told, key=lambda statement: statement.ordinal)
+
+    def _read_motion(self, buffer: Bytes, frames: Frames, ordinals: Int64s) -> Motion:
+        """How fast the velocity changes, from one LOCAL_POSITION_NED to the next; none behind a gap of 2 s."""
+        rows = self._rows(frames, "LOCAL_POSITION_NED")
+        if not len(rows):
+            return Motion(rows, np.empty(0))
+        records = decode(buffer, frames[rows], self._dialect["LOCAL_POSITION_NED"])
+        t_s = records["time_boot_ms"] * 1e-3
+        velocity = np.stack([records[axis] for axis in ("vx", "vy", "vz")], axis=1).astype(np.float64)
+        if self._velocity is None:
+            self._velocity = np.nan, velocity[0]
+        dt_s = np.diff(t_s, prepend=self._velocity[0])
+        change = np.diff(velocity, axis=0, prepend=self._velocity[1][None])
+        self._velocity = float(t_s[-1]), velocity[-1]
+        usable = (dt_s > 0) & (dt_s <= _MOTION_GAP_S)
+        size = np.sqrt(change[:, 0] ** 2 + change[:, 1] ** 2 + change[:, 2] ** 2)
+        return Motion(ordinals[rows], np.where(usable, size / np.where(usable, dt_s, 1.0), np.nan))
+
+    def _records(self, name: str, buffer: Bytes, frames: Frames, ordinals: Int64s) -> Iterator[tuple[Any, int]]:
+        """Each message of this name, and the ordinal of its frame."""
+        rows = self._rows(frames, name)
+        if len(rows):
+            yield from zip(decode(buffer, frames[rows], self._dialect[name]), ordinals[rows].tolist(), strict=True)
+
+    def _autopilot_name(self, number: int) -> str:
+        return _AUTOPILOTS.get(number) or self._dialect.enum_name("MAV_AUTOPILOT", number)
+
+    def _type_name(self, number: int) -> str:
+        return self._dialect.enum_name("MAV_TYPE", number)

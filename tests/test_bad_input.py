@@ -16,7 +16,8 @@ from gcs_bridge.inject import inject, parse_fault
 
 SITL = Path(__file__).parents[1] / "sitl_fixtures"
 GOOD = SITL / "c_copter_4hz.tlog"
-ALARMING = SITL / "d_plane_pitchtrim3.tlog"
+ALARMING = SITL / "k8_stream_stops.tlog"
+EXPLAINED = SITL / "d_plane_pitchtrim3.tlog"
 TWO = SITL / "e_two_vehicles.tlog"
 
 NOTHING, ALARM, USAGE, SOURCE, NO_COMPARE = 0, 1, 2, 3, 4
@@ -238,44 +239,56 @@ def no_quaternion(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def nothing_beside(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Angles alone, without the other form, body rates or a sensor: nothing to compare them with."""
+    motion = wire.Motion(8)
+    frames = [(n, wire.attitude(10_000 + 40 * n, motion.rpy(0.04 * n), seq=n)) for n in range(150)]
+    path = tmp_path_factory.mktemp("recordings") / "nothing_beside.tlog"
+    path.write_bytes(wire.tlog((wire.START_US + 40_000 * n, frame) for n, frame in frames))
+    return path
+
+
 @pytest.mark.parametrize(
     ("names", "code"),
     [
-        (["good"], NOTHING),
+        (["good", "explained"], NOTHING),
         (["alarm"], ALARM),
-        (["none"], NO_COMPARE),
         (["good", "none"], NO_COMPARE),
         (["none", "alarm", "good"], ALARM),
         (["missing", "alarm", "none", "good"], SOURCE),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else str(value),
 )
-def test_the_worst_of_several(names: list[str], code: int, no_quaternion: Path) -> None:
+def test_the_worst_of_several(names: list[str], code: int, nothing_beside: Path) -> None:
     """Several files end with the worst: 3 before 1 before 4 before 0; each has its last line, verdict first."""
-    files = {"good": GOOD, "alarm": ALARMING, "none": no_quaternion, "missing": Path("missing.tlog")}
-    ended = check(*[files[name] for name in names], "--quiet")
+    files = {"good": GOOD, "explained": EXPLAINED, "alarm": ALARMING, "none": nothing_beside}
+    ended = check(*[files.get(name, f"{name}.tlog") for name in names], "--quiet")
     assert ended.code == code
-    verdicts = {"good": "AGREE", "alarm": "ALARM", "none": "NO COMPARE"}
+    verdicts = {"good": "AGREE", "explained": "AGREE", "alarm": "ALARM", "none": "NO COMPARE"}
     lines = [line for line in ended.out.splitlines() if line.startswith(tuple(verdicts.values()))]
     assert [line.split("  ")[0].strip() for line in lines] == [verdicts[name] for name in names if name != "missing"]
     assert len(ended.err) == names.count("missing")
 
 
-def test_never_fail(no_quaternion: Path) -> None:
+def test_never_fail(nothing_beside: Path) -> None:
     """`--fail-on never` turns an alarm and a NO COMPARE into 0; the verdicts stay."""
-    ended = check(ALARMING, no_quaternion, "--fail-on", "never", "--format", "json")
+    ended = check(ALARMING, nothing_beside, "--fail-on", "never", "--format", "json")
     assert ended.code == NOTHING
     report = json.loads(ended.out)
     assert report["verdict"] == "alarm"
     assert [entry["verdict"] for entry in report["files"]] == ["alarm", "no_compare"]
 
 
-def test_what_to_type_next(no_quaternion: Path) -> None:
-    """Without the quaternion the text says that it is missing and ends with the command that gets it."""
-    ended = check(no_quaternion)
-    assert ended.code == NO_COMPARE
-    assert "ATTITUDE_QUATERNION" in ended.out
-    assert "SET_MESSAGE_INTERVAL 31" in ended.out.splitlines()[-1]
+def test_what_to_type_next(no_quaternion: Path, nothing_beside: Path) -> None:
+    """Without the quaternion the text says that it is missing and ends with the command that gets it: the angles may
+    have been judged by their own rates, or by nothing.
+    """
+    for path, code in ((no_quaternion, NOTHING), (nothing_beside, NO_COMPARE)):
+        ended = check(path)
+        assert ended.code == code
+        assert "ATTITUDE_QUATERNION was never received" in " ".join(ended.out.split())
+        assert "SET_MESSAGE_INTERVAL 31" in ended.out.splitlines()[-1]
 
 
 def test_one_system(tmp_path: Path) -> None:

@@ -238,7 +238,7 @@ def test_nothing_half_written(folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
     (folder / "report.json").write_bytes(b"old")
     before = sorted(folder.iterdir())
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     assert main(["check", "agree.tlog", "--output", "report.json"]) == 2
     assert sorted(folder.iterdir()) == before
     assert (folder / "report.json").read_bytes() == b"old"

@@ -137,20 +137,33 @@ def test_first_line_of_a_vehicle_tells_that_nothing_was_judged() -> None:
 
 def test_unknown_is_never_zero() -> None:
     """Null reads 'unknown'; a zero that was measured reads 0."""
-    said = text(vehicle(checks=[check(coverage=0.0, residual={"median": None, "max": 0.0}, pairs=None)]))
+    said = text(vehicle(checks=[check(coverage=0.0, residual={"median": None, "max": 0.0}, same_instant=0)]))
     assert "judged over 0 % of" in said
-    assert "median unknown, max 0°" in said
-    assert "pair" not in row(said, "euler_quaternion")
+    assert "median unknown, max 0°; 2953 pairs (0 at the same instant)" in said
+    assert "pair" not in row(text(vehicle(checks=[check(pairs=None)])), "euler_quaternion")
 
 
 def test_an_alarm_is_a_sentence() -> None:
-    """When, on which boot, which check, how much, how it splits, when cleared, and why if known."""
+    """When, on which boot, which check, what, how much, how it splits, what it is not, and why if known."""
     said = row(text(vehicle("alarm", alarms=[{**ALARM, "diagnosis": DIAGNOSIS}]), verdict="alarm"), "ALARM")
     assert said.split(maxsplit=1)[1] == (
-        "euler_quaternion from 12.4 s to 15.0 s of boot 0 (raised 2026-05-01T12:00:12.400Z): differs by up to 90.00°, "
-        "tilt 0.00°, heading 90.00°. Cause: yaw_offset 90° in message 31 (certain). "
-        "Not yet told apart from mount_offset. Turn by 5° of tilt to tell."
+        "euler_quaternion from 12.4 s to 15.0 s of boot 0 (raised 2026-05-01T12:00:12.400Z): the two forms differ: "
+        "90.00°, tilt 0.00°, heading 90.00°. This is no fault of the estimate: both forms come from one. "
+        "Cause: yaw_offset 90° in message 31 (certain). Not yet told apart from mount_offset. "
+        "Turn by 5° of tilt to tell."
     )
+    about = {"axis": "tilt and heading, about body x (roll)", "repeats": 2, "grouped": "chatter"}
+    said = row(text(vehicle("alarm", alarms=[{**ALARM, **about}]), verdict="alarm"), "ALARM")
+    assert "(raised 2026-05-01T12:00:12.400Z), 2 times again: " in said
+    assert "heading 90.00°, about body x (roll); chatter." in said
+
+
+def test_an_alarm_that_is_no_attitude_has_its_own_unit() -> None:
+    """A stream's silence is told in seconds, without parts of an angle."""
+    silent = {"check": "stream", "what": "it stopped", "unit": "s", "peak": 2.0}
+    silent |= {"axis": None, "tilt": None, "heading": None, "rotvec_body": None}
+    said = text(vehicle("alarm", alarms=[{**ALARM, **silent}]), verdict="alarm")
+    assert "it stopped: 2 s. This is" in " ".join(said.split())
 
 
 def test_an_alarm_that_was_never_cleared_says_so() -> None:

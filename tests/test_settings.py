@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gcs_bridge.resources import config_folder
-from gcs_bridge.settings import EulerQuaternionSettings, Settings, SettingsError, load_settings, profiles
+from gcs_bridge.settings import AlarmSettings, Settings, SettingsError, load_settings, profiles
 
 
 def toml(folder: Path, text: str | bytes) -> Path:
@@ -29,14 +29,15 @@ def refusal(folder: Path, text: str | bytes) -> str:
     return said.removeprefix(str(path))
 
 
-def test_default_toml_is_the_built_in_defaults() -> None:
-    """The shipped default.toml says the same as the code."""
-    assert load_settings("default") == Settings()
+@pytest.mark.parametrize("profile", ["default", "example"])
+def test_default_and_example_are_the_built_in_values(profile: str) -> None:
+    """Neither the profile that runs by itself nor the one to copy from says anything else than the code."""
+    assert load_settings(profile) == Settings()
 
 
-def test_default_toml_names_every_key() -> None:
-    """No setting is hidden: default.toml has each section and each key, angles in degrees."""
-    with (config_folder() / "default.toml").open("rb") as file:
+def test_example_toml_names_every_key() -> None:
+    """No setting is hidden: example.toml has each section and each key, angles in degrees."""
+    with (config_folder() / "example.toml").open("rb") as file:
         table = tomllib.load(file)
     assert list(table) == list(Settings.__struct_fields__)
     for section, keys in table.items():
@@ -44,9 +45,9 @@ def test_default_toml_names_every_key() -> None:
         assert list(keys) == [name.replace("_rad", "_deg") for name in in_code]
 
 
-def test_default_toml_explains_every_key() -> None:
+def test_example_toml_explains_every_key() -> None:
     """Above each key stands a comment."""
-    lines = (config_folder() / "default.toml").read_text(encoding="utf-8").splitlines()
+    lines = (config_folder() / "example.toml").read_text(encoding="utf-8").splitlines()
     bare = [key for above, key in pairwise(lines) if "=" in key and key[0] != "#" and not above.startswith("#")]
     assert not bare
 
@@ -65,9 +66,10 @@ def test_ci_profile_fails_on_warnings() -> None:
 
 
 def test_degrees_become_radians_once(tmp_path: Path) -> None:
-    """180 degrees in a file are π in the settings."""
-    settings = load_settings(config_file=toml(tmp_path, "[euler_quaternion]\nlimit_deg = 180"))
-    assert settings.euler_quaternion.limit_rad == math.pi
+    """180 degrees in a file are π in the settings, and 180 degrees a second π a second."""
+    text = "[euler_quaternion]\nlimit_deg = 180\n[gyro]\nwarning_deg_s = 180"
+    settings = load_settings(config_file=toml(tmp_path, text))
+    assert settings.euler_quaternion.limit_rad == settings.gyro.warning_rad_s == math.pi
 
 
 def test_flag_beats_file_beats_profile(tmp_path: Path) -> None:
@@ -125,9 +127,10 @@ def test_unknown_names_get_the_right_one(tmp_path: Path, text: str, said: str) -
         ("euler_quaternion", "limit_deg = nan", "nan: must be a number, above 0, at most 180"),
         ("euler_quaternion", "limit_deg = true", "True: must be a number, above 0, at most 180"),
         ("euler_quaternion", 'limit_deg = "1"', "'1': must be a number, above 0, at most 180"),
-        ("euler_quaternion", "on_delay_s = inf", "inf: must be a number, at least 0, at most 3600"),
-        ("euler_quaternion", "on_delay_s = nan", "nan: must be a number, at least 0, at most 3600"),
-        ("euler_quaternion", "bad_samples = 2.5", "2.5: must be a whole number, at least 1, at most 1000"),
+        ("alarm", "on_delay_s = inf", "inf: must be a number, at least 0, at most 3600"),
+        ("alarm", "on_delay_s = nan", "nan: must be a number, at least 0, at most 3600"),
+        ("alarm", "bad_samples = 2.5", "2.5: must be a whole number, at least 1, at most 1000"),
+        ("gyro", "warning_deg_s = 5730", "5730: must be a number, above 0, at most 5729.58"),
         ("check", 'fail_on = "warn"', "'warn': must be one of \"alarm\", \"never\", \"warning\""),
         ("check", "fail_on = [1]", "[1]: must be one of \"alarm\", \"never\", \"warning\""),
         ("vehicle", "attitude_run = 0", "0: must be a whole number, at least 1, at most 1000"),
@@ -143,10 +146,10 @@ def test_wrong_values_are_told_what_is_allowed(tmp_path: Path, section: str, set
 
 def test_values_must_agree_with_each_other(tmp_path: Path) -> None:
     """More bad samples than are counted could never raise an alarm: refused, and named."""
-    said = refusal(tmp_path, "[euler_quaternion]\nbad_samples = 6")
-    assert said.startswith(": [euler_quaternion] bad_samples = 6 is more than counted_samples = 5")
+    said = refusal(tmp_path, "[alarm]\nbad_samples = 6")
+    assert said.startswith(": [alarm] bad_samples = 6 is more than counted_samples = 5")
     with pytest.raises(ValueError, match="bad_samples"):
-        EulerQuaternionSettings(bad_samples=6)
+        AlarmSettings(bad_samples=6)
 
 
 @pytest.mark.parametrize(

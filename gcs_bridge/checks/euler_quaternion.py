@@ -7,18 +7,20 @@ estimate, this check finds mistakes of convention, encoding, timing and firmware
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import replace
 
 from gcs_bridge import attitude
-from gcs_bridge.alarms import Rated
 from gcs_bridge.align import Pairs
-from gcs_bridge.settings import EulerQuaternionSettings
+from gcs_bridge.checks.protocol import Check, Ratings, SlidingSums, Tier, finite, in_order, length, rated
+from gcs_bridge.flight import Flight
+from gcs_bridge.settings import AlarmSettings, EulerQuaternionSettings
 from gcs_bridge.statistics import Quantiles
-
-NAME = "euler_quaternion"
 
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -29,14 +31,15 @@ class Disagreement:
     """The quaternion seen from the Euler angles, n pairs: all in rad.
 
     `angle` (n,) of the rotation between them; `tilt` and `heading` (n,) its parts, heading NaN where it means nothing;
-    `rotvec_body` (n, 3) the rotation in FRD body axes; `limit` (n,); `judged` (n,) whether a pair could be told good or
-    bad at all; `counted` (n,) whether it has a vote in the alarm.
+    `rotvec_body`, `rotvec_world` (n, 3) the rotation in FRD body axes and in NED; `limit` (n,); `judged` (n,) whether a
+    pair could be told good or bad at all; `counted` (n,) whether it has a vote in the alarm.
     """
 
     angle: Floats
     tilt: Floats
     heading: Floats
     rotvec_body: Floats
+    rotvec_world: Floats
     limit: Floats
     judged: Mask
     counted: Mask
@@ -51,62 +54,133 @@ def compare(pairs: Pairs, settings: EulerQuaternionSettings, last_bracket: int =
     delta = attitude.multiply(attitude.conjugate(pairs.q_euler), pairs.q_quaternion)
     tilt, heading = attitude.tilt_heading_between(pairs.q_euler, pairs.q_quaternion)
     angle = attitude.angle_between(pairs.q_euler, pairs.q_quaternion)
+    rotvec_body = attitude.rotvec_from_quaternion(delta)
+    rotvec_world = attitude.rotate(pairs.q_euler, rotvec_body)
     limit = settings.limit_rad + pairs.bound_rad  # NaN where the bound is unknown: then not judged
     judged = ((angle > limit) | (pairs.bound_rad <= settings.usable_bound_rad)) & ~pairs.after_reset
     bracket_before = np.concatenate(([last_bracket], pairs.bracket))[:-1]
     counted = judged & ((pairs.bracket == -1) | (pairs.bracket != bracket_before))
-    return Disagreement(angle, tilt, heading, attitude.rotvec_from_quaternion(delta), limit, judged, counted)
+    return Disagreement(angle, tilt, heading, rotvec_body, rotvec_world, limit, judged, counted)
 
 
-class EulerQuaternion:
-    """The check over one vehicle: what its alarm is to be fed, and the numbers of the report."""
+class EulerQuaternion(Check):
+    """The check over one vehicle: votes over single pairs, and their mean for small constant offsets."""
 
-    def __init__(self, settings: EulerQuaternionSettings) -> None:
+    name: ClassVar[str] = "euler_quaternion"
+    needs: ClassVar[Literal["both", "quaternion", "any", "nothing"]] = "both"
+    is_not: ClassVar[str] = "not an estimator that is wrong: both messages come from one estimate"
+    agrees: ClassVar[str] = "both forms are one rotation, within the limit and the bound of each comparison"
+
+    def __init__(self, settings: EulerQuaternionSettings, delays: AlarmSettings) -> None:
         """Start with nothing judged."""
-        self.pairs = 0
+        super().__init__()
         self.same_instant = 0
-        self.judged_us = 0
         self.counted = 0  # of the pairs, those that had a vote
         self.bad = 0  # and of these, those above their limit
-        self.angle, self.tilt, self.heading = Quantiles(), Quantiles(), Quantiles()
+        self.raw, self.tilt, self.heading = Quantiles(), Quantiles(), Quantiles()
+        self.found: Disagreement | None = None  # of the last batch
+        self._along_rate, self._rate_squared = 0.0, 0.0  # sums, for the lag
         self._settings = settings
+        self._delays = delays
+        self._slow = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.mean_hold_s)
         self._last_bracket = -1
+        self._start_mean()
+
+    @property
+    def tiers(self) -> tuple[Tier, ...]:
+        """The alarm of single pairs, and the warning of their mean."""
+        return (
+            Tier("pairs", "alarm", "ATTITUDE and ATTITUDE_QUATERNION are not one rotation", self._delays),
+            Tier("mean", "warning", "ATTITUDE and ATTITUDE_QUATERNION differ by a small constant turn", self._slow),
+        )
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
+        super().start_boot()
         self._last_bracket = -1
+        self._start_mean()
 
-    def judge(self, pairs: Pairs) -> tuple[Disagreement, Rated, npt.NDArray[np.int64]]:
-        """Compare the pairs; return that, the ones that count as rated samples, and their rows.
+    def _start_mean(self) -> None:
+        self._sums = SlidingSums(self._settings.mean_window_s, 8)
+        self._latest_us = -1
 
-        The samples' `detail` is tilt, heading and the rotation vector, in rad.
-        """
-        found = compare(pairs, self._settings, self._last_bracket)
-        if len(pairs):
-            self._last_bracket = int(pairs.bracket[-1])
-        self.pairs += int(found.judged.sum())
+    def judge(self, flight: Flight) -> Iterator[Ratings]:
+        """Compare the pairs, and rate those that count."""
+        pairs = flight.pairs
+        self.found = found = compare(pairs, self._settings, self._last_bracket)
+        if not len(pairs):
+            return
+        self._last_bracket = int(pairs.bracket[-1])
+        self.judged += int(found.judged.sum())
         self.same_instant += int((found.judged & pairs.same_instant).sum())
         self.judged_us += int(pairs.stands_for_us[found.judged].sum())
-        self.angle.add(found.angle[found.judged])
+        self.residual.add(found.angle[found.judged])
+        self._follow_lag(pairs.w_nb_b_rad_s[found.judged], found.rotvec_body[found.judged])
+        as_sent = pairs.q_euler_sent
+        raw = found.angle if as_sent is pairs.q_euler else attitude.angle_between(as_sent, pairs.q_quaternion)
+        self.raw.add(raw[found.judged])
         self.tilt.add(found.tilt[found.judged])
         self.heading.add(np.abs(found.heading[found.judged]))
         rows = np.flatnonzero(found.counted)
         angle, limit = found.angle[rows], found.limit[rows]
-        detail = np.column_stack((found.tilt[rows], found.heading[rows], found.rotvec_body[rows]))
+        detail = np.column_stack((found.tilt, found.heading, found.rotvec_body))[rows]
         self.counted += len(rows)
         self.bad += int((angle > limit).sum())
-        bad, low = angle > limit, angle <= self._settings.clear_below * limit
-        return found, Rated(pairs.t_boot_us[rows], angle, bad, low, detail), rows
+        t_us, ordinal = pairs.t_boot_us[rows], flight.pair_ordinal[rows]
+        yield Ratings("pairs", rated(t_us, ordinal, angle, limit, self._delays, detail))
+        yield from self._mean(flight, found)
+
+    def _mean(self, flight: Flight, found: Disagreement) -> Iterator[Ratings]:
+        """The mean turn of the last seconds' good pairs, in world and body axes: noise averages out, offsets don't."""
+        pairs = flight.pairs
+        good = np.flatnonzero(found.judged & (found.angle <= found.limit) & np.isfinite(found.rotvec_body[:, 0]))
+        good = good[in_order(pairs.t_boot_us[good], self._latest_us)]
+        if not len(good):
+            return
+        t_us = pairs.t_boot_us[good]
+        self._latest_us = int(t_us[-1])
+        bound = pairs.bound_rad[good, None]
+        weight = 1.0 / (_WEIGHT_FLOOR_RAD + bound) ** 2
+        turns = np.hstack((found.rotvec_body[good], found.rotvec_world[good]))
+        sums, count, since_us = self._sums.feed(t_us, np.hstack((weight, (weight * bound) ** 2, weight * turns)))
+        mean = sums[:, 2:] / sums[:, :1]
+        value = np.sqrt(np.maximum((mean[:, :3] ** 2).sum(axis=1), (mean[:, 3:] ** 2).sum(axis=1)))
+        limit = self._settings.mean_limit_rad + np.sqrt(np.maximum(sums[:, 1], 0.0)) / sums[:, 0]
+        enough = (count >= self._settings.mean_pairs) & (t_us - since_us >= 0.5e6 * self._settings.mean_window_s)
+        detail = np.hstack((found.tilt[good, None], found.heading[good, None], mean[:, :3]))[enough]
+        yield Ratings(
+            "mean",
+            rated(t_us[enough], flight.pair_ordinal[good][enough], value[enough], limit[enough], self._slow, detail),
+        )
+
+    def _follow_lag(self, w_b_rad_s: Floats, rotvec_body: Floats) -> None:
+        """Sum up, pair after pair, how the difference goes along the rate: a stamp that is late makes it so."""
+        known = finite(w_b_rad_s) & finite(rotvec_body) & (length(w_b_rad_s) < _GREATEST_RATE_RAD_S)
+        w, turn = w_b_rad_s[known], rotvec_body[known]
+        self._along_rate = float(np.cumsum(np.concatenate(([self._along_rate], (w * turn).sum(axis=1))))[-1])
+        self._rate_squared = float(np.cumsum(np.concatenate(([self._rate_squared], (w**2).sum(axis=1))))[-1])
+
+    @property
+    def lag_ms(self) -> float | None:
+        """By how much the quaternion's stamps are late, by the whole recording; None without much motion.
+
+        A regression, and so small where any other mistake makes the difference: a diagnosis tells better.
+        """
+        if self._rate_squared < _LEAST_RATE_RAD_S**2 * max(self.judged, 1):
+            return None
+        return -1e3 * self._along_rate / self._rate_squared
+
+    def why_not(self) -> str:
+        """Why nothing was judged."""
+        return f"only {self.judged} pairs could be judged"
 
     def numbers(self) -> dict[str, object]:
         """The report's numbers, in degrees."""
-        angle, tilt, heading = (q.summary(math.degrees(1.0)) for q in (self.angle, self.tilt, self.heading))
-        return {
-            "pairs": self.pairs,
-            "same_instant": self.same_instant,
-            "unit": "deg",
-            "residual": angle,
-            "raw": angle,
-            "tilt": tilt,
-            "heading": heading,
-        }
+        raw, tilt, heading = (q.summary(self.scale) for q in (self.raw, self.tilt, self.heading))
+        parts = {"same_instant": self.same_instant, "raw": raw, "tilt": tilt, "heading": heading}
+        return super().numbers() | parts
+
+
+_WEIGHT_FLOOR_RAD = math.radians(0.05)
+_GREATEST_RATE_RAD_S = 100.0  # what is more is damage
+_LEAST_RATE_RAD_S = math.radians(2.0)  # root mean square, below which no lag shows

@@ -6,12 +6,15 @@ import math
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
+
+if TYPE_CHECKING:  # loaded when there is something to judge
+    from gcs_bridge.evidence.place import Folder
 
 __all__ = ["check", "find_recordings"]
 
@@ -27,6 +30,7 @@ SUFFIXES = (".tlog", ".raw", ".rlog")  # .tlog.raw is a .raw
 @click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
 @click.option("--format", "form", type=click.Choice(["text", "json"]), default="text", help="Of the report.  [text]")
 @click.option("--output", type=click.Path(path_type=Path), metavar="PATH", help="Write the report to this file.")
+@click.option("--evidence", type=click.Path(path_type=Path), metavar="DIR", help="Write what each alarm rests on.")
 @click.option("--fail-on", type=click.Choice(["warning", "alarm", "never"]), help="What ends with 1.  [alarm]")
 @click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
 @click.option(
@@ -43,6 +47,7 @@ def check(
     to_s: float | None,
     form: str,
     output: Path | None,
+    evidence: Path | None,
     fail_on: str | None,
     profile: str,
     config: Path | None,
@@ -57,6 +62,7 @@ def check(
     Exit codes: 0 good, 1 an alarm (or warning, by --fail-on), 2 usage or configuration,
     3 a source that cannot be used, 4 no attitude could be compared.
     """
+    from gcs_bridge.evidence.place import Place
     from gcs_bridge.report import Report, worst_exit_code
     from gcs_bridge.report.output import refuse_unwritable, write_file, write_stdout
     from gcs_bridge.settings import load_settings
@@ -66,8 +72,24 @@ def check(
     recordings, failures = find_recordings(paths)
     if output is not None:
         refuse_unwritable(output, sources=recordings)
+    place = None if evidence is None else Place(evidence, recordings)
 
     from gcs_bridge.recording import check_file  # the heavy part, after everything that may be refused
+
+    selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
+
+    def judge(recording: Path, progress: ProgressBar) -> dict[str, Any]:
+        if place is None:
+            return check_file(recording, settings, **selected, progress=progress)
+        from gcs_bridge.evidence.gather import Evidence
+
+        folder = place.folder(recording)
+        with Evidence(recording, folder, dialect) as gathered:
+            entry = check_file(recording, settings, **selected, progress=progress, witness=gathered)
+            count = gathered.complete(entry)
+        if not quiet:
+            complain(_evidence(recording, folder, count, gathered.left_out), kind="note")
+        return entry
 
     judged: list[dict[str, Any]] = []
     sizes = [_size(recording) for recording in recordings]
@@ -76,11 +98,7 @@ def check(
             complain(str(failure))
         for recording, size in zip(recordings, sizes, strict=True):
             try:
-                judged.append(
-                    check_file(
-                        recording, settings, dialect=dialect, sysid=sysid, from_s=from_s, to_s=to_s, progress=progress
-                    )
-                )
+                judged.append(judge(recording, progress))
             except SourceError as failure:
                 failures.append(failure)
                 complain(str(failure))
@@ -129,6 +147,15 @@ def refuse_times(from_s: float | None, to_s: float | None) -> None:
             raise UsageError(f"{option} {value:g}: must be seconds after the recording's start, 0 or more")
     if to_s is not None and to_s <= (from_s or 0.0):
         raise UsageError(f"--to {to_s:g} is not after --from {from_s or 0.0:g}: nothing would be judged")
+
+
+def _evidence(recording: Path, folder: Folder, count: int, left_out: int) -> str:
+    """What there is evidence of, in one line."""
+    if not count:
+        earlier = f"; what lies in {folder.path} is of an earlier run" if folder.is_there else ""
+        return f"{recording}: nothing was raised, so there is no evidence of it{earlier}"
+    more = f"; {left_out} more are left out" if left_out else ""
+    return f"{recording}: evidence of {count} alarm{'' if count == 1 else 's'} or warnings in {folder.path}{more}"
 
 
 def _size(path: Path) -> int:

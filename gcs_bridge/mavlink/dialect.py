@@ -65,6 +65,7 @@ class Dialect:
         self.name = name
         self._enums = enums
         self._class_of_name = {message.msgname: message for message in classes.values()}
+        self._name_of_id = {message.id: str(message.msgname) for message in classes.values()}
         row_of_id = np.full(max(classes) + 1, -1, np.int16)
         row_of_id[list(classes)] = np.arange(len(classes))
         seeds = np.array([message.crc_extra for message in classes.values()], np.uint8)
@@ -76,6 +77,10 @@ class Dialect:
 
     def __contains__(self, name: str) -> bool:
         return name in self._class_of_name
+
+    def name_of(self, msgid: int) -> str | None:
+        """Name of the message with this id, None where the dialect defines none."""
+        return self._name_of_id.get(msgid)
 
     def enum_name(self, enum: str, value: int) -> str:
         """Name of an enum's value, in lower case and without the enum's own name; "unknown" where it has none."""

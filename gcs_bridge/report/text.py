@@ -13,7 +13,8 @@ from typing import Any
 
 from gcs_bridge.errors import one_line
 from gcs_bridge.mavlink.requests import request_command
-from gcs_bridge.report.contract import COMPARATORS, LABELS, UNJUDGED, compared, sends_attitude
+from gcs_bridge.report.alarm_words import difference
+from gcs_bridge.report.contract import LABELS, UNJUDGED, compared, sends_attitude
 
 __all__ = ["lines"]
 
@@ -106,7 +107,8 @@ def _findings(check: _Entry, detail: int) -> str:
     said = []
     unit = check["unit"]
     if check["verdict"] not in UNJUDGED:
-        said.append(_distribution(check["residual"], unit))
+        if check["pairs"]:
+            said.append(_distribution(check["residual"], unit))
         if check["pairs"] is not None:
             same = "" if check["same_instant"] is None else f" ({check['same_instant']} at the same instant)"
             said.append(_count(check["pairs"], "pair") + same)
@@ -116,8 +118,9 @@ def _findings(check: _Entry, detail: int) -> str:
         if detail > 0 or check["explained_by"]:
             said.append(f"raw {_distribution(check['raw'], unit)}")
         if detail > 0:
-            said += [f"{part} {_distribution(check[part], unit)}" for part in ("tilt", "heading")]
-            said.append(f"lag {_value(check['lag_ms'], 'ms')}")
+            said += [f"{part} {_distribution(check[part], unit)}" for part in ("tilt", "heading") if check[part]]
+            if check["lag_ms"] is not None:
+                said.append(f"lag {_value(check['lag_ms'], 'ms')}")
     reason = [one_line(check["reason"])] if check["reason"] else []
     return "; ".join([*map(_whole, said), *reason])
 
@@ -133,15 +136,9 @@ def _alarm(alarm: _Entry) -> str:
     cleared = alarm["cleared_boot_s"]
     until = "to the end" if cleared is None else f"to {_seconds(cleared)}"
     utc = "" if alarm["raised_utc"] is None else f" (raised {alarm['raised_utc']})"
-    if alarm["check"] in COMPARATORS:
-        peak, tilt, heading = (_angle(alarm[key]) for key in ("peak", "tilt", "heading"))
-        how_much = f"differs by up to {peak}, tilt {tilt}, heading {heading}"
-    else:
-        how_much = f"up to {_value(alarm['peak'], alarm['unit'])}"
-    said = (
-        f"{alarm['check']} from {_seconds(alarm['raised_boot_s'])} {until} of boot {_number(alarm['boot'])}{utc}: "
-        f"{how_much}."
-    )
+    again = f", {_count(alarm['repeats'], 'time')} again" if alarm["repeats"] else ""
+    when = f"from {_seconds(alarm['raised_boot_s'])} {until} of boot {_number(alarm['boot'])}{utc}{again}"
+    said = f"{alarm['check']} {when}: {difference(alarm)}. This is {alarm['is_not']}."
     diagnosis = alarm["diagnosis"]
     return said if diagnosis is None else f"{said} {_diagnosis(diagnosis)}"
 
@@ -224,11 +221,6 @@ def _value(value: float | Sequence[float] | None, unit: str | None) -> str:
         return "unknown"
     numbers = value if isinstance(value, Sequence) else [value]
     return "/".join(_number(number) for number in numbers) + _UNITS.get(unit or "", f" {unit}")
-
-
-def _angle(value_deg: float | None) -> str:
-    """In hundredths of a degree: what is smaller is nothing to act on."""
-    return "unknown" if value_deg is None else f"{value_deg:.2f}°"
 
 
 def _count(value: int | None, noun: str) -> str:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import msgspec
 
 from gcs_bridge.errors import one_line
 from gcs_bridge.events import Event
+from gcs_bridge.report.alarm_words import difference
 
 __all__ = ["event_json", "event_line", "event_words", "is_alarm", "is_detail"]
 
-_UNITS = {"deg": "°", "deg/s": " °/s"}
 _SAID = {
     "vehicle_seen": "vehicle seen",
     "vehicle_lost": "vehicle LOST: nothing comes from it any more",
@@ -56,6 +53,9 @@ def _said(event: Event) -> str:
     if name.startswith("stream_"):
         what = "went silent" if name == "stream_stale" else name.removeprefix("stream_")
         return f"{event['stream']} {what}"
+    if name == "diagnosis":
+        found = event["diagnosis"]
+        return f"{event['check']}: {' or '.join(found['candidates'] or [found['cause']])}: {found['fix']}"
     if name == "no_compare":
         return f"NO COMPARE {event['check']}: {event['reason']}"
     if name == "compare_resumed":
@@ -70,13 +70,6 @@ def _said(event: Event) -> str:
 def _alarm(event: Event) -> str:
     what = event["event"].removeprefix("alarm_")
     label = str(event["severity"]).upper() if what == "raised" else f"{event['severity']} {what}"
-    peak, tilt, heading = (_value(event[key], event["unit"]) for key in ("peak", "tilt", "heading"))
-    said = f"{label} {event['check']}: differs by {peak}, tilt {tilt}, heading {heading}"
+    said = f"{label} {event['check']}: {difference(event)}"
     diagnosis = event.get("diagnosis")
     return f"{said}; cause: {diagnosis['cause']}, {diagnosis['confidence']}" if diagnosis else said
-
-
-def _value(value: Any, unit: str | None) -> str:
-    if value is None or math.isnan(value):
-        return "unknown"
-    return f"{round(value, 2):g}{_UNITS.get(unit or '', f' {unit}')}"

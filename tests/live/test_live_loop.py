@@ -34,7 +34,8 @@ from gcs_bridge.sources.uri import NetworkUri, SerialUri
 
 # What is sent, and how many alarms it must raise.
 FLIGHTS = {
-    "a plane's pitch trim": (fixture("d_plane_pitchtrim3", to_s=20), 1),
+    "a plane's pitch trim": (fixture("d_plane_pitchtrim3", to_s=20), 0),
+    "and a fault on top": (fixture("d_plane_pitchtrim3", to_s=20, fault="yaw_offset:5"), 1),
     "a copter with a fault": (fixture("a_copter_square", from_s=75, to_s=95, fault="yaw_offset:25"), 1),
     "two vehicles": (fixture("e_two_vehicles", fault="yaw_offset:25"), 2),
     "a reboot": (fixture("f_reboot", fault="roll_sign"), 0),

@@ -47,7 +47,7 @@ def test_a_full_disk_is_told_once() -> None:
 
 def test_events_as_json() -> None:
     """One object a line, the event itself, and null where nothing is known."""
-    for event in events_of("d_plane_pitchtrim3", to_s=10):
+    for event in events_of("a_copter_square", from_s=75, to_s=81, fault="yaw_offset:25"):
         line = event_json(event)
         assert line.endswith(b"}\n")
         assert line.count(b"\n") == 1
@@ -57,13 +57,16 @@ def test_events_as_json() -> None:
 
 def test_events_as_lines() -> None:
     """Each says when, who and what, on one line of modest width."""
-    events = events_of("d_plane_pitchtrim3", to_s=10)
+    events = events_of("a_copter_square", from_s=75, to_s=81, fault="yaw_offset:25")
     lines = {event["event"]: event_line(event) for event in events if not is_detail(event)}
+    diagnosis = lines.pop("diagnosis")
     assert lines == {
-        "vehicle_seen": "00:59:38  1,1               vehicle seen",
-        "stream_started": "00:59:38  1,1       23.1 s  ATTITUDE_QUATERNION started",
-        "alarm_raised": "00:59:39  1,1       24.1 s  ALARM euler_quaternion: differs by 3°, tilt 3°, heading 0°",
+        "vehicle_seen": "00:47:09  1,1               vehicle seen",
+        "stream_started": "00:47:09  1,1       76.0 s  ATTITUDE_QUATERNION started",
+        "alarm_raised": "00:47:14  1,1       81.1 s  ALARM euler_quaternion: "
+        "ATTITUDE and ATTITUDE_QUATERNION are not one rotation: 25.00°, tilt 0.00°, heading 25.00°",
     }
+    assert "euler_quaternion: yaw_offset" in diagnosis
 
 
 @pytest.mark.parametrize(
@@ -77,8 +80,14 @@ def test_events_as_lines() -> None:
         ({"event": "clock_step", "vehicle": [1, 1], "step_s": 61.0}, "boot clock stepped by +61.0 s"),
         (
             {"event": "alarm_cleared", "vehicle": [1, 1], "severity": "alarm", "check": "x", "unit": "deg", "peak": 3.0}
-            | {"tilt": 3.0, "heading": None},
-            "alarm cleared x: differs by 3°, tilt 3°, heading unknown",
+            | {
+                "what": "they differ",
+                "axis": "tilt, about body y (pitch)",
+                "tilt": 3.0,
+                "heading": None,
+                "grouped": None,
+            },
+            "alarm cleared x: they differ: 3.00°, tilt 3.00°, heading unknown, about body y (pitch)",
         ),
         ({"event": "inop", "vehicle": [1, 1]}, "inop"),
     ],

@@ -1,0 +1,123 @@
+"""What is asked of the comparators by one who looks on: how much they judged, and what a naive one would have said."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import radians
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge import attitude
+from gcs_bridge.alarms import PENDING, Alarm, Rated, State
+from gcs_bridge.judge import Observation
+from gcs_bridge.samples import AttitudeSamples
+from gcs_bridge.settings import load_settings
+from gcs_bridge.told import ModeSet
+
+Ints = npt.NDArray[np.int64]
+
+NAIVE_LIMIT_DEG = 5.0
+_DELAYS = load_settings("default").alarm
+_LIMIT = radians(NAIVE_LIMIT_DEG)
+_LOW = _DELAYS.clear_below * _LIMIT
+_LONGEST_S = 0.5  # between two judged pairs: the time between them is judged; at low rates so many of these periods
+_PERIODS = 2.5
+
+
+@dataclass
+class Coverage:
+    """How much was judged: pairs of the same instant, and armed time (all time, where no HEARTBEAT tells), s."""
+
+    same_instant: int = 0
+    judged_same_instant: int = 0
+    armed_s: float = 0.0
+    judged_armed_s: float = 0.0
+
+    def __add__(self, other: Coverage) -> Coverage:
+        mine, its = vars(self), vars(other)
+        return Coverage(**{name: mine[name] + its[name] for name in mine})
+
+
+class Naive:
+    """The usual comparator: the latest ATTITUDE against the latest ATTITUDE_QUATERNION whenever one of them comes.
+
+    Its votes and delays are those of gcs-bridge, on receive time, as it has no other.
+    """
+
+    def __init__(self) -> None:
+        self.alarms = 0
+        self._alarm = Alarm(_DELAYS)
+        self._latest = [np.full((1, 4), np.nan)] * 2
+
+    def take(self, streams: tuple[AttitudeSamples, AttitudeSamples], ordinals: list[Ints]) -> None:
+        """Take what came of both within one boot, and the ordinals of their frames."""
+        valid = [samples[samples.valid] for samples in streams]
+        at = [ordinal[samples.valid] for samples, ordinal in zip(streams, ordinals, strict=True)]
+        both = np.concatenate(at)
+        order = np.argsort(both, kind="stable")
+        pairs = []
+        for k in (0, 1):
+            q = np.concatenate((self._latest[k], valid[k].q_nb))
+            pairs.append(q[np.searchsorted(at[k], both[order], side="right")])
+            self._latest[k] = q[-1:]
+        angle = attitude.angle_between(*pairs)
+        known = np.flatnonzero(np.isfinite(angle))
+        t_rx_us = np.concatenate([samples.t_rx_us for samples in valid])[order][known]
+        angle = angle[known]
+        rated = Rated(
+            t_rx_us, both[order][known], angle, angle > _LIMIT, angle <= _LOW, np.full((len(known), 5), np.nan)
+        )
+        for change in self._alarm.feed(rated):
+            self.alarms += change.state is State.RAISED and change.before in PENDING
+
+
+@dataclass
+class Witness:
+    """Looks on while a recording is judged, which is fed as one piece."""
+
+    coverage: dict[tuple[int, int], Coverage] = field(default_factory=dict)
+    _naive: dict[tuple[int, int], Naive] = field(default_factory=dict)
+
+    @property
+    def naive_alarms(self) -> int:
+        return sum(naive.alarms for naive in self._naive.values())
+
+    def __call__(self, seen: Observation) -> None:
+        """Take what was judged of one boot of one vehicle."""
+        segment = seen.segment
+        streams = (segment.euler, segment.quaternion)
+        naive = self._naive.setdefault(seen.vehicle, Naive())
+        naive.take(streams, [segment.ordinal[segment.message == k] for k in (0, 1)])
+        self.coverage[seen.vehicle] = self.coverage.get(seen.vehicle, Coverage()) + covered(seen)
+
+
+def covered(seen: Observation) -> Coverage:
+    """How much of a boot was judged, if both attitudes came."""
+    segment, judged = seen.segment, seen.disagreement.judged
+    times_us = [samples.t_boot_us[samples.valid] for samples in (segment.euler, segment.quaternion)]
+    if min(map(len, times_us)) < 2:
+        return Coverage()
+    shared = np.intersect1d(*times_us)
+    same = np.intersect1d(shared, seen.pairs.t_boot_us[judged])
+
+    rows = np.flatnonzero(segment.valid_attitude)
+    rows = rows[np.argsort(segment.t_boot_us[rows], kind="stable")]
+    t_us = segment.t_boot_us[rows]
+    is_armed = armed(seen, segment.ordinal[rows])[1:]
+    # Each step from one sample to the next lies between two judged pairs, which may not be too far apart.
+    pairs_us = np.unique(np.concatenate(([-(2**60)], seen.pairs.t_boot_us[judged], [2**60])))
+    before, after = np.searchsorted(pairs_us, t_us[:-1], "right") - 1, np.searchsorted(pairs_us, t_us[1:])
+    period_us = max(float(np.median(np.diff(np.unique(of)))) for of in times_us)
+    judged_step = pairs_us[after] - pairs_us[before] <= max(_LONGEST_S * 1e6, _PERIODS * period_us)
+    step_s = np.diff(t_us) * 1e-6
+    return Coverage(len(shared), len(same), float(step_s[is_armed].sum()), float(step_s[is_armed & judged_step].sum()))
+
+
+def armed(seen: Observation, ordinal: Ints) -> npt.NDArray[np.bool_]:
+    """Whether the vehicle was armed when the frames `ordinal` (n,) came, if it ever was; else always."""
+    told = [(say.ordinal, say.armed) for say in seen.flight.told if isinstance(say, ModeSet)]
+    if not any(is_armed for _, is_armed in told):
+        return np.ones(len(ordinal), np.bool_)
+    since, is_armed = (np.array(column) for column in zip(*told, strict=True))
+    return np.asarray(is_armed[np.maximum(np.searchsorted(since, ordinal, "right") - 1, 0)])

@@ -1,0 +1,53 @@
+"""The body rates of ATTITUDE against those of ATTITUDE_QUATERNION at the same instant: one estimate has one set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from gcs_bridge.checks.protocol import Check, Ratings, Tier, along, length, rated
+from gcs_bridge.flight import Flight
+from gcs_bridge.settings import AlarmSettings, BodyRatesSettings
+
+
+class BodyRates(Check):
+    """The check over one vehicle."""
+
+    name: ClassVar[str] = "body_rates"
+    needs: ClassVar[Literal["both", "quaternion", "any", "nothing"]] = "both"
+    compares: ClassVar[bool] = False
+    unit: ClassVar[str] = "deg/s"
+    is_not: ClassVar[str] = "not the angles: they are judged by other checks"
+    agrees: ClassVar[str] = "both messages carry the same body rates"
+
+    def __init__(self, settings: BodyRatesSettings, delays: AlarmSettings) -> None:
+        """Start with nothing judged."""
+        super().__init__()
+        self._settings = settings
+        self._delays = delays
+
+    @property
+    def tiers(self) -> tuple[Tier, ...]:
+        """A warning and an alarm."""
+        what = "the body rates of ATTITUDE and ATTITUDE_QUATERNION differ"
+        return Tier("warning", "warning", what, self._delays), Tier("alarm", "alarm", what, self._delays)
+
+    def judge(self, flight: Flight) -> Iterator[Ratings]:
+        """Rate the pairs of the same instant, with what the streams' own last steps allow for."""
+        pairs = flight.pairs
+        rows = np.flatnonzero(pairs.same_instant)
+        difference, allowed = pairs.w_differs_b_rad_s[rows], pairs.unsteady_rad_s[rows]
+        value = length(difference)
+        judged = np.isfinite(value) & np.isfinite(allowed)
+        t_us, ordinal = pairs.t_boot_us[rows], flight.pair_ordinal[rows]
+        self._watch(t_us, value, judged)
+        detail = along(difference[judged])
+        for tier, limit in (("warning", self._settings.warning_rad_s), ("alarm", self._settings.alarm_rad_s)):
+            limits = limit + allowed[judged]
+            yield Ratings(tier, rated(t_us[judged], ordinal[judged], value[judged], limits, self._delays, detail))
+
+    def why_not(self) -> str:
+        """Why nothing was judged."""
+        return "the two messages never came at the same instant with rates in both"

@@ -1,0 +1,139 @@
+"""Each stream's rotation against its own body rates (rule M20): an attitude must turn as its rates say it turns.
+
+A step that the rates deny is bad, if the one before was too: a lone one is an estimator's reset. Over longer times the
+slope of turn against rate shows rates of the wrong scale, sign or axis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from msgspec.structs import replace
+
+from gcs_bridge.align import Steps
+from gcs_bridge.checks.protocol import Check, Ratings, SlidingSums, Tier, Turning, along, length, rated
+from gcs_bridge.flight import Flight
+from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION
+from gcs_bridge.settings import AlarmSettings, KinematicsSettings
+
+Floats = npt.NDArray[np.float64]
+Int64s = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+_STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
+
+
+class Kinematics(Check):
+    """The check over one vehicle."""
+
+    name: ClassVar[str] = "kinematics"
+    is_not: ClassVar[str] = "not one form against the other: each stream contradicts its own rates"
+    agrees: ClassVar[str] = "the attitude turns as its rates say"
+
+    def __init__(self, settings: KinematicsSettings, delays: AlarmSettings) -> None:
+        """Start with nothing judged."""
+        super().__init__()
+        self._settings = settings
+        self._delays = delays
+        self._slow = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.slope_window_s / 2)
+        self._start_slopes()
+
+    @property
+    def tiers(self) -> tuple[Tier, ...]:
+        """For each stream an alarm of its steps, and a warning of the slope on any axis."""
+        steps = (
+            Tier(f"{name} steps", "alarm", f"{name} does not turn as its rates say", self._delays) for name in _STREAMS
+        )
+        slopes = (
+            Tier(f"{name} slope", "warning", f"the rates of {name} have another scale than its turn", self._slow, "1")
+            for name in _STREAMS
+        )
+        return *steps, *slopes
+
+    def start_boot(self) -> None:
+        """Forget what counts within one boot alone."""
+        super().start_boot()
+        self._start_slopes()
+
+    def _start_slopes(self) -> None:
+        self._sums = [SlidingSums(self._settings.slope_window_s, 10) for _ in _STREAMS]
+        self._turning = [Turning() for _ in _STREAMS]
+        self._denied = [False for _ in _STREAMS]
+
+    def judge(self, flight: Flight) -> Iterator[Ratings]:
+        """Rate every step of both streams."""
+        both = list(zip(flight.steps, flight.step_ordinal, strict=True))
+        told = [
+            turning.told_by_rates(steps.w0_b_rad_s, steps.w1_b_rad_s, steps.h_s)
+            for turning, (steps, _) in zip(self._turning, both, strict=True)
+        ]
+        ordinals = np.concatenate([ordinal for _, ordinal in both])
+        arrival = np.argsort(ordinals, kind="stable")
+        t_us = np.concatenate([steps.t1_us for steps, _ in both])[arrival]
+        kin = np.concatenate([steps.kin_rad for steps, _ in both])[arrival]
+        usable = np.concatenate(told)[arrival] & np.concatenate([_reported(steps) for steps, _ in both])[arrival]
+        self._watch(t_us, kin, np.isfinite(kin) & usable)
+        for k, ((steps, ordinal), name, sums) in enumerate(zip(both, _STREAMS, self._sums, strict=True)):
+            if not len(steps):
+                continue
+            # A lone step that the rates deny is a reset of the estimator: it has no vote.
+            alone = steps.denied & ~np.concatenate(([self._denied[k]], steps.denied[:-1]))
+            self._denied[k] = bool(steps.denied[-1])
+            rows = np.flatnonzero(np.isfinite(steps.kin_rad) & told[k] & _reported(steps) & ~alone)
+            # What hardly turned is no contradiction, whatever the rates say of it.
+            value = np.where(steps.denied, steps.kin_rad, np.minimum(steps.kin_rad, steps.limit_rad))[rows]
+            detail = along(steps.turn_b_rad[rows] - _turn_by_rates(steps)[rows])
+            rating = rated(steps.t1_us[rows], ordinal[rows], value, steps.limit_rad[rows], self._delays, detail)
+            yield Ratings(f"{name} steps", rating)
+            yield from self._slope(name, sums, steps, ordinal)
+
+    def _slope(self, name: str, sums: SlidingSums, steps: Steps, ordinal: Int64s) -> Iterator[Ratings]:
+        """Turn over rate, per body axis, by least squares over the last seconds."""
+        settings = self._settings
+        usable = (np.isfinite(steps.kin_rad) & ~steps.denied & _reported(steps))[:, None]
+        by_rates, turn = np.where(usable, _turn_by_rates(steps), 0.0), np.where(usable, steps.turn_b_rad, 0.0)
+        h = steps.h_s[:, None]
+        products = np.hstack((turn * by_rates / h, by_rates**2 / h, turn**2 / h, usable.astype(np.float64)))
+        totals, _, since_us = sums.feed(steps.t1_us, products)
+        span_s = (steps.t1_us - since_us) * 1e-6
+        seen = (totals[:, 9] >= settings.slope_least_hz * span_s) & (span_s >= 0.8 * settings.slope_window_s)
+        across, rates, turns = totals[:, :3], totals[:, 3:6], totals[:, 6:9]
+        # Vibration faster than the samples looks like any slope, but turn and rate then hardly go together.
+        coherent = across**2 >= _COHERENCE * rates * turns
+        turned = (rates > settings.slope_least_rad_s**2 * span_s[:, None]) & coherent
+        slope = np.divide(across, rates, out=np.ones((len(h), 3)), where=turned)
+        # On one scale for both sides: 1 at the limit, above it beyond.
+        off = np.where(
+            slope > 1.0,
+            (slope - 1.0) / (settings.slope_high - 1.0),
+            (1.0 - slope) / (1.0 - settings.slope_low),
+        )
+        rows = np.flatnonzero(seen)
+        value = off[rows].max(axis=1) if len(rows) else np.empty(0)
+        yield Ratings(
+            f"{name} slope",
+            rated(steps.t1_us[rows], ordinal[rows], value, 1.0, self._slow, along(np.maximum(off[rows] - 1.0, 0.0))),
+        )
+
+    def why_not(self) -> str:
+        """Why nothing was judged."""
+        return "no stream brought two attitudes in a row with body rates"
+
+
+_COHERENCE = 0.8  # squared correlation, from which on a slope means a scale
+_STILL_RAD = math.radians(0.01)  # what a step turns at rest, by rounding
+
+
+def _reported(steps: Steps) -> Mask:
+    """Which steps have rates to be judged by: exactly zero at both ends of a turn, they are not reported."""
+    zero = (length(steps.w0_b_rad_s) == 0) & (length(steps.w1_b_rad_s) == 0)
+    return np.asarray(~zero | (length(steps.turn_b_rad) <= _STILL_RAD))
+
+
+def _turn_by_rates(steps: Steps) -> Floats:
+    """The turn (n, 3), rad, that the mean of the rates at both ends makes of each step."""
+    return np.asarray(0.5 * steps.h_s[:, None] * (steps.w0_b_rad_s + steps.w1_b_rad_s))

@@ -1,0 +1,264 @@
+"""What a check is: one batch of a vehicle in; rated samples for its alarms, and numbers for the report, out."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge import attitude
+from gcs_bridge.alarms import Rated
+from gcs_bridge.flight import Flight
+from gcs_bridge.lookup import Answers
+from gcs_bridge.settings import AlarmSettings
+from gcs_bridge.statistics import Quantiles
+
+Floats = npt.NDArray[np.float64]
+Int64s = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+_UNKNOWN_SAMPLES = 200
+_LONGEST_US = 2_000_000  # of the time between two samples, what counts as watched
+
+
+class Tier(NamedTuple):
+    """One alarm of a check: its name within the check, severity, what it says, votes and delays; unit, if its own."""
+
+    name: str
+    severity: str
+    what: str
+    delays: AlarmSettings
+    unit: str | None = None
+
+
+class Break(NamedTuple):
+    """A comparison became unable to run, or able again, with a frame."""
+
+    ordinal: int
+    t_boot_us: int
+    broken: bool
+
+
+class Usable:
+    """Tells a source whose numbers mean nothing from one that has not decided yet: by many such samples in a row."""
+
+    def __init__(self) -> None:
+        """Start with a source that is believed to be usable."""
+        self.broken = False
+        self.breaks: list[Break] = []
+        self._unknown = 0
+
+    def follow(self, known: Mask, t_us: Int64s, ordinal: Int64s) -> None:
+        """Take the next samples, `known` (n,) where their numbers mean something."""
+        self.breaks = []
+        if known.all() and not self.broken:
+            self._unknown = 0
+            return
+        for row, is_known in enumerate(known.tolist()):
+            self._unknown = 0 if is_known else self._unknown + 1
+            if self.broken == is_known and (is_known or self._unknown >= _UNKNOWN_SAMPLES):
+                self.broken = not is_known
+                self.breaks.append(Break(int(ordinal[row]), int(t_us[row]), self.broken))
+
+
+class Ratings(NamedTuple):
+    """What a check found for one of its tiers."""
+
+    tier: str
+    rated: Rated
+
+
+class Check(ABC):
+    """One check of one vehicle, over all its boots."""
+
+    name: ClassVar[str]
+    needs: ClassVar[Literal["both", "quaternion", "any", "nothing"]] = "any"  # of the two streams, to judge at all
+    compares: ClassVar[bool] = True  # an attitude with something; else it judges the data's quality only
+    unit: ClassVar[str] = "deg"
+    is_not: ClassVar[str]  # what its alarm is no sign of
+    agrees: ClassVar[str]  # what it means that nothing was raised
+
+    def __init__(self) -> None:
+        """Start with nothing judged."""
+        self.judged = 0
+        self.judged_us = 0
+        self.alive_us = 0
+        self.residual = Quantiles()
+        self._watched_us: int | None = None
+
+    @property
+    @abstractmethod
+    def tiers(self) -> tuple[Tier, ...]:
+        """Its alarms; of two at one time, a warning is not told beside an alarm."""
+
+    def start_boot(self) -> None:
+        """Forget what counts within one boot alone."""
+        self._watched_us = None
+
+    @abstractmethod
+    def judge(self, flight: Flight) -> Iterator[Ratings]:
+        """Judge what one batch brought."""
+
+    @property
+    def broken(self) -> str | None:
+        """Why the comparison cannot run although its sources are there, None where it can."""
+        return None
+
+    def breaks(self) -> list[Break]:
+        """Where, in the last batch, the comparison became unable to run, or able again."""
+        return []
+
+    @property
+    def tells(self) -> bool:
+        """Whether what was judged tells anything."""
+        return True
+
+    @abstractmethod
+    def why_not(self) -> str:
+        """Why nothing was judged."""
+
+    @property
+    def remark(self) -> str | None:
+        """What else there is to say of a comparison that was judged."""
+        return None
+
+    def numbers(self) -> dict[str, object]:
+        """The report's numbers, in the check's unit."""
+        residual = self.residual.summary(self.scale)
+        return {
+            "coverage": min(self.judged_us / self.alive_us, 1.0) if self.alive_us > 0 else None,
+            "pairs": self.judged,
+            "same_instant": None,
+            "residual": residual,
+            "raw": residual,
+            "tilt": None,
+            "heading": None,
+        }
+
+    @property
+    def scale(self) -> float:
+        """From the values' own unit to the report's."""
+        return math.degrees(1.0) if self.unit.startswith("deg") else 1.0
+
+    def _watch(self, t_us: Int64s, value: Floats, judged: Mask) -> None:
+        """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""
+        if not len(t_us):
+            return
+        latest = np.maximum.accumulate(
+            np.concatenate(([t_us[0] if self._watched_us is None else self._watched_us], t_us))
+        )
+        self._watched_us = int(latest[-1])
+        stands_for = np.minimum(np.diff(latest), _LONGEST_US)
+        self.alive_us += int(stands_for.sum())
+        self.judged_us += int(stands_for[judged].sum())
+        self.judged += int(judged.sum())
+        self.residual.add(value[judged])
+
+
+def rated(
+    t_us: Int64s,
+    ordinal: Int64s,
+    value: Floats,
+    limit: Floats | float,
+    delays: AlarmSettings,
+    detail: Floats | None = None,
+) -> Rated:
+    """Samples against a limit; without `detail`, a value has no direction."""
+    bad = value > limit
+    low = value <= delays.clear_below * limit
+    return Rated(t_us, ordinal, value, bad, low, np.full((len(value), 5), np.nan) if detail is None else detail)
+
+
+def between_attitudes(bad: Mask, q_a: Floats, q_b: Floats) -> Floats:
+    """The detail (n, 5) of b seen from a, where `bad`: tilt, heading and the rotation vector in body axes, rad."""
+    detail = np.full((len(bad), 5), np.nan)
+    if bad.any():
+        a, b = q_a[bad], q_b[bad]
+        tilt, heading = attitude.tilt_heading_between(a, b)
+        turn = attitude.rotvec_from_quaternion(attitude.multiply(attitude.conjugate(a), b))
+        detail[bad] = np.column_stack((tilt, heading, turn))
+    return detail
+
+
+def along(vector_b: Floats) -> Floats:
+    """The detail (n, 5) of a difference that is a vector in body axes, and no rotation of the attitude."""
+    return np.hstack((np.full((len(vector_b), 2), np.nan), vector_b))
+
+
+def attitude_at(found: Answers) -> Floats:
+    """The attitudes (n, 4) at the queries' times; along the shortest way where no rates are reported."""
+    rates = [np.nan_to_num(rows[:, 4:7]) for rows in (found.before.rows, found.after.rows)]
+    q0, q1 = found.before.rows[:, :4], found.after.rows[:, :4]
+    bent = rates[0].any(axis=1) & rates[1].any(axis=1) & (found.gap_s > 0)
+    q_nb = attitude.slerp(q0, q1, found.place)
+    q_nb[bent] = attitude.hermite(
+        q0[bent], q1[bent], rates[0][bent], rates[1][bent], dt_s=found.gap_s[bent], u=found.place[bent]
+    )[0]
+    return q_nb
+
+
+class Turning:
+    """How fast a stream turned of late: rates at the ends of a gap say nothing of it where it may have turned far."""
+
+    def __init__(self) -> None:
+        """Start with no sample."""
+        self._recent: Floats = np.empty(0)
+
+    def told_by_rates(self, w0_b_rad_s: Floats, w1_b_rad_s: Floats, gap_s: Floats) -> Mask:
+        """Where rates at both ends (n, 3) of gaps (n,), in order of time, tell what was between them."""
+        if not len(gap_s):
+            return np.zeros(0, np.bool_)
+        fastest = np.fmax(length(w0_b_rad_s), length(w1_b_rad_s))
+        held = np.concatenate((self._recent, fastest))
+        self._recent = held[max(len(held) - _LATELY, 0) :]
+        padded = np.concatenate((np.zeros(_LATELY), held))
+        rate = np.lib.stride_tricks.sliding_window_view(padded, _LATELY + 1).max(axis=1)[len(held) - len(fastest) :]
+        return np.asarray((rate * gap_s <= _TOLD_RAD) | ((gap_s <= _SHORT_S) & (rate * gap_s <= _TOLD_SHORT_RAD)))
+
+
+_LATELY = 4  # gaps before this one
+_TOLD_RAD = math.radians(20.0)
+_SHORT_S = 0.12  # 10 Hz and above
+_TOLD_SHORT_RAD = math.radians(45.0)
+
+
+def finite(rows: Floats) -> Mask:
+    """Which rows hold numbers only."""
+    return np.asarray(np.isfinite(rows).all(axis=1))
+
+
+def length(v: Floats) -> Floats:
+    """The lengths (n,) of vectors (n, 3)."""
+    return np.asarray(np.sqrt(v[:, 0] ** 2 + v[:, 1] ** 2 + v[:, 2] ** 2))
+
+
+class SlidingSums:
+    """Sums of rows over the last seconds, within one boot."""
+
+    def __init__(self, window_s: float, width: int) -> None:
+        """Start empty; rows have `width` columns."""
+        self._window_us = round(window_s * 1e6)
+        self._t_us: Int64s = np.empty(0, np.int64)
+        self._sums = np.zeros((1, width))  # up to each sample kept; the first: before them all
+
+    def feed(self, t_us: Int64s, rows: Floats) -> tuple[Floats, Int64s, Int64s]:
+        """Take samples in order of time; per sample the sums, how many they are of, and since when, µs."""
+        # One running sum from the boot on, taken one after the other: the same bits however the samples were cut.
+        sums = np.cumsum(np.concatenate((self._sums[-1:], rows)), axis=0)[1:]
+        times, totals = np.concatenate((self._t_us, t_us)), np.concatenate((self._sums, sums))
+        last = np.arange(len(self._t_us), len(times))
+        first = np.searchsorted(times, t_us - self._window_us, side="right")
+        found = totals[last + 1] - totals[first], last + 1 - first, times[np.minimum(first, len(times) - 1)]
+        if len(t_us):
+            self._t_us, self._sums = times[first[-1] :], totals[first[-1] :]
+        return found
+
+
+def in_order(t_us: Int64s, latest_us: int) -> Int64s:
+    """The rows of samples that are later than all before them."""
+    latest = np.maximum.accumulate(np.concatenate(([latest_us], t_us)))
+    return np.flatnonzero(t_us > latest[:-1])

@@ -1,0 +1,175 @@
+"""AHRS2, the autopilot's second estimate, against the first: independent enough to show an estimator that is wrong.
+
+The two differ widely in healthy flight (38 deg in acro), so the fine limits hold in quiet flight only, and a gross one
+at any time. A second estimate that never agreed (without a compass its yaw does not) is a remark, and no alarm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from msgspec.structs import replace
+
+from gcs_bridge import attitude
+from gcs_bridge.checks.protocol import Check, Ratings, Tier, attitude_at, between_attitudes, in_order, length, rated
+from gcs_bridge.flight import ATTITUDE_WIDTH, Flight
+from gcs_bridge.lookup import Lookup, Track
+from gcs_bridge.settings import AlarmSettings, SecondaryEstimateSettings
+
+Floats = npt.NDArray[np.float64]
+Int64s = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+_MAX_GAP_US = 1_000_000
+_STAMP_BOUND_S = 0.001  # stamps are whole milliseconds
+
+
+class _Since:
+    """How long something has held, without a break, up to each sample."""
+
+    def __init__(self) -> None:
+        self._broken_us: int | None = None
+
+    def feed(self, t_us: Int64s, holds: Mask) -> Int64s:
+        """µs since it last did not hold, or since the first sample."""
+        if self._broken_us is None:
+            self._broken_us = int(t_us[0])
+        broken = np.maximum.accumulate(np.concatenate(([self._broken_us], np.where(holds, -1, t_us))))[1:]
+        self._broken_us = int(broken[-1])
+        return np.asarray(t_us - broken)
+
+
+class _Part:
+    """Tilt or heading: whether the two estimates ever agreed in it."""
+
+    def __init__(self) -> None:
+        self.agreed = False
+        self._since = _Since()
+
+    def has_agreed(self, t_us: Int64s, angle: Floats, settings: SecondaryEstimateSettings) -> Mask:
+        """Whether, by each sample, they had agreed for long enough once."""
+        long_enough = self._since.feed(t_us, angle <= settings.agreed_rad) >= settings.agreed_s * 1e6
+        agreed = np.logical_or.accumulate(np.concatenate(([self.agreed], long_enough)))[1:]
+        self.agreed = bool(agreed[-1])
+        return agreed
+
+
+class SecondaryEstimate(Check):
+    """The check over one vehicle."""
+
+    name: ClassVar[str] = "secondary_estimate"
+    is_not: ClassVar[str] = "not a mistake of encoding: one of two estimators is wrong, and it may be the second"
+    agrees: ClassVar[str] = "both estimates agree in quiet flight"
+
+    def __init__(self, settings: SecondaryEstimateSettings, delays: AlarmSettings) -> None:
+        """Start with nothing judged."""
+        super().__init__()
+        self._settings = settings
+        self._delays = delays
+        self._gross = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.gross_s)
+        self._came = False
+        self._never = {"tilt": True, "heading": True}
+        self._start()
+
+    @property
+    def tiers(self) -> tuple[Tier, ...]:
+        """In quiet flight a warning and an alarm of each part; an alarm of gross differences at any time."""
+        fine = (
+            Tier(f"{part} {severity}", severity, f"the second estimate (AHRS2) has another {part}", self._delays)
+            for part in ("tilt", "heading")
+            for severity in ("warning", "alarm")
+        )
+        gross = (
+            Tier(f"{part} gross", "alarm", f"the second estimate (AHRS2) has a wholly different {part}", self._gross)
+            for part in ("tilt", "heading")
+        )
+        return *fine, *gross
+
+    def start_boot(self) -> None:
+        """Forget what counts within one boot alone."""
+        super().start_boot()
+        self._start()
+
+    def _start(self) -> None:
+        self._lookup = Lookup(5, ATTITUDE_WIDTH + 1, _MAX_GAP_US)
+        self._quiet = _Since()
+        self._parts = {"tilt": _Part(), "heading": _Part()}
+        self._first_us: int | None = None
+        self._latest_us = -1
+
+    def judge(self, flight: Flight) -> Iterator[Ratings]:
+        """Rate each AHRS2 by the first estimate at its time."""
+        samples = flight.secondary.samples
+        rows = np.hstack((samples.q_nb, flight.secondary.gap_us[:, None] * 1e-6))[samples.valid]
+        queries = Track(samples.t_boot_us[samples.valid], flight.secondary.ordinal[samples.valid], rows)
+        self._came |= len(queries) > 0
+        found = self._lookup.feed(self._with_quiet(flight.attitude), queries)
+        picked = in_order(found.query.t_us, self._latest_us)
+        if not len(picked):
+            return
+        t_us, ordinal = found.query.t_us[picked], found.ordinal[picked]
+        self._latest_us = int(t_us[-1])
+        if self._first_us is None:
+            self._first_us = int(t_us[0])
+        first, second = attitude_at(found)[picked], found.query.rows[picked, :4]
+        gap_s, rates = found.query.rows[picked, 4], np.nan_to_num(found.after.rows[picked, 4:7])
+        rate = length(rates)
+        bound = (0.5 * gap_s + _STAMP_BOUND_S) * rate
+        quiet = found.after.rows[picked, 7] >= self._settings.quiet_s
+        judged = quiet & (t_us - self._first_us >= self._settings.skipped_s * 1e6)
+        tilt, heading = attitude.tilt_heading_between(first, second)
+        heading = np.abs(heading)
+        settings = self._settings
+        self._watch(t_us, tilt, judged)
+        for part, angle, limits in (
+            ("tilt", tilt, (settings.tilt_warning_rad, settings.tilt_alarm_rad)),
+            ("heading", heading, (settings.heading_warning_rad, settings.heading_alarm_rad)),
+        ):
+            agreed = self._parts[part].has_agreed(t_us, angle, settings)
+            self._never[part] &= not self._parts[part].agreed
+            for kind, limit, where, delays in (
+                ("warning", limits[0], judged & agreed, self._delays),
+                ("alarm", limits[1], judged & agreed, self._delays),
+                ("gross", settings.gross_rad, agreed, self._gross),
+            ):
+                at = np.flatnonzero(where & np.isfinite(angle))
+                limits_at = limit + bound[at]
+                detail = between_attitudes(angle[at] > limits_at, first[at], second[at])
+                yield Ratings(f"{part} {kind}", rated(t_us[at], ordinal[at], angle[at], limits_at, delays, detail))
+
+    def _with_quiet(self, track: Track) -> Track:
+        """The attitudes, each with the seconds since it was last turning fast or banked."""
+        if not len(track):
+            return Track(track.t_us, track.ordinal, np.empty((0, ATTITUDE_WIDTH + 1)))
+        settings = self._settings
+        rates = track.rows[:, 4:7]
+        slow = length(rates) < settings.quiet_below_rad_s
+        level = attitude.body_down(track.rows[:, :4])[:, 2] > np.cos(settings.quiet_bank_rad)
+        quiet_s = self._quiet.feed(track.t_us, slow & level) * 1e-6
+        return Track(track.t_us, track.ordinal, np.hstack((track.rows, quiet_s[:, None])))
+
+    def why_not(self) -> str:
+        """Why nothing was judged."""
+        if not self._came:
+            return "AHRS2 was never received"
+        settings = self._settings
+        return f"AHRS2 never came in {settings.quiet_s:g} s of quiet flight, {settings.skipped_s:g} s behind its first"
+
+    @property
+    def tells(self) -> bool:
+        """Whether the two estimates ever agreed in anything."""
+        return len(self.never_agreed) < len(self._never)
+
+    @property
+    def never_agreed(self) -> list[str]:
+        """The parts in which the two estimates never agreed."""
+        return [part for part, never in self._never.items() if never]
+
+    @property
+    def remark(self) -> str | None:
+        """That the estimates never agreed: then nothing can be told of the first by the second."""
+        never = self.never_agreed
+        return f"the two estimates never agreed in {' and '.join(never)}: that is not judged" if never else None

@@ -1,0 +1,268 @@
+"""The two attitude streams themselves: silent while the vehicle is heard, frozen, slow, or without numbers."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from statistics import median
+from typing import ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+from msgspec.structs import replace
+
+from gcs_bridge import attitude
+from gcs_bridge.alarms import Rated
+from gcs_bridge.checks.protocol import Check, Ratings, Tier, finite, rated
+from gcs_bridge.flight import Flight
+from gcs_bridge.liveness import Turn
+from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples
+from gcs_bridge.settings import AlarmSettings, StreamSettings
+from gcs_bridge.told import ParameterSet
+
+Floats = npt.NDArray[np.float64]
+Int64s = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+_STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
+_WINDOWS = 24  # of the own rate, whose median is the usual one
+_LEAST_WINDOWS = 3
+_HEARD_US = 1_000_000  # of the time between two of the vehicle's messages, what it counts as heard
+_LOSS_MESSAGES = 256  # timed messages over which the loss is taken
+_NEVER = 1e-7  # probability with which a silence is by chance
+_TRANSFER_HZ = 2.0
+_TRANSFER = 3  # parameters in one window: ArduPilot slows its streams while it sends them
+
+
+class _Stream:
+    """What is followed of one stream within one boot."""
+
+    def __init__(self, settings: StreamSettings) -> None:
+        self._settings = settings
+        self._window_us = round(settings.slow_after_s * 1e6)
+        self._last: Floats | None = None  # the last sample's numbers
+        self._run_us = 0  # since when the numbers are the same
+        self._other_at_run: Floats = np.full(4, np.nan)
+        self._fresh = False  # whether the last sample's numbers were new
+        self._other: Floats = np.full(4, np.nan)
+        self._latest_us: int | None = None
+        self._window = (0, 0)  # time and ordinal at its beginning
+        self._count = 0
+        self._whole = True
+        self._rates: deque[int] = deque(maxlen=_WINDOWS)
+        self.period_us = -1
+        self._timed_us: int | None = None  # of the vehicle's latest timed message
+        self._heard_us = 0  # time so far in which the vehicle was heard
+        self._heard_last_us, self._ordinal_last = -1, -1  # the same at the stream's last sample
+
+    def silent(self, k: int, flight: Flight, least_periods: Floats, transfers: Int64s, delays: AlarmSettings) -> Rated:
+        """How long the stream has been silent at each timed message, in time in which the vehicle was heard.
+
+        A silence of the whole vehicle is none of the stream; nor is one while parameters are sent.
+        """
+        line = flight.line
+        past_us = line.t_boot_us[:1] if self._timed_us is None else [self._timed_us]
+        latest = np.maximum.accumulate(np.concatenate((past_us, line.t_boot_us)))
+        self._timed_us = int(latest[-1]) if len(latest) else None
+        heard = np.cumsum(np.concatenate(([self._heard_us], np.minimum(np.diff(latest), _HEARD_US))))[1:]
+        index = np.where(line.stream == k, np.arange(len(heard)), -1)
+        last = np.maximum.accumulate(index)
+        at_last, ordinal_at_last = np.append(heard, self._heard_last_us), np.append(line.ordinal, self._ordinal_last)
+        silent_us = heard - at_last[last]
+        known = np.maximum.accumulate(np.where((line.stream == k) & (line.period_us >= 0), np.arange(len(heard)), -1))
+        period_us = np.append(line.period_us, self.period_us)[known]
+        sent = np.searchsorted(transfers, line.ordinal) - np.searchsorted(transfers, ordinal_at_last[last])
+        transfer = (sent >= _TRANSFER) & (sent >= _TRANSFER_HZ * silent_us * 1e-6)
+        usable = (at_last[last] >= 0) & (period_us >= 0) & ~transfer
+        limit_us = np.maximum(self._settings.stale_after_s * 1e6, least_periods * period_us)
+        if len(heard):
+            self._heard_us = int(heard[-1])
+            self._heard_last_us, self._ordinal_last = int(at_last[last[-1]]), int(ordinal_at_last[last[-1]])
+            self.period_us = int(period_us[-1])
+        value = np.where(usable, silent_us, 0) * 1e-6
+        on_line = rated(line.t_boot_us, line.ordinal, value, np.maximum(limit_us, 1.0) * 1e-6, delays)
+        silences = _silences(flight.turns, k)
+        return on_line if not silences else _merged(on_line, _at_deadlines(silences, delays))
+
+    def frozen(
+        self, samples: AttitudeSamples, ordinal: Int64s, other: AttitudeSamples, other_ordinal: Int64s
+    ) -> tuple[Floats, Mask]:
+        """For how long, s, each sample's numbers have been the same; and whether the other stream moved meanwhile."""
+        numbers = np.ascontiguousarray(samples.q_nb if samples.rpy_rad is None else samples.rpy_rad)
+        seen = np.concatenate((self._other[None], other.q_nb))
+        beside = seen[np.searchsorted(other_ordinal, ordinal)]  # the other stream's latest, at each sample
+        last = np.full(numbers.shape[1], np.nan) if self._last is None else self._last
+        before = np.concatenate((last[None], numbers))[:-1]
+        changed = (numbers != before).any(axis=1)  # NaN differs from itself, and is no frozen attitude
+        index = np.arange(len(numbers))
+        start = np.maximum.accumulate(np.where(changed, index, -1))
+        run_us = np.where(start >= 0, samples.t_boot_us[start], self._run_us)
+        # The other stream's attitude counts from the first repetition on: at the change it may be the one from before.
+        repeats = ~changed & np.concatenate(([self._fresh], changed[:-1]))
+        first = np.maximum.accumulate(np.where(repeats, index, -1))
+        at_run = np.where((first >= 0)[:, None], beside[first], self._other_at_run)
+        self._run_us, self._other_at_run, self._fresh = int(run_us[-1]), at_run[-1], bool(changed[-1])
+        self._last = numbers[-1]
+        same_s = (samples.t_boot_us - run_us) * 1e-6
+        moved = np.zeros(len(numbers), np.bool_)
+        rows = np.flatnonzero(same_s >= self._settings.frozen_after_s)
+        if len(rows):
+            moved[rows] = attitude.angle_between(at_run[rows], beside[rows]) > self._settings.moved_rad
+        return np.asarray(same_s), moved
+
+    def hear_other(self, other: AttitudeSamples) -> None:
+        """Remember the other stream's last attitude."""
+        if len(other):
+            self._other = other.q_nb[-1]
+
+    def slow(self, samples: AttitudeSamples, ordinal: Int64s, transfers: Int64s) -> Iterator[tuple[int, int, float]]:
+        """Time, ordinal and share of the usual rate, at the end of each window without a silence."""
+        if self._latest_us is None:
+            self._latest_us, self._window = int(samples.t_boot_us[0]), (int(samples.t_boot_us[0]), int(ordinal[0]))
+        latest = np.maximum.accumulate(np.concatenate(([self._latest_us], samples.t_boot_us)))
+        silent = np.diff(latest) > self._settings.stale_after_s * 1e6
+        self._latest_us = int(latest[-1])
+        begin = 0
+        while True:
+            end = int(np.searchsorted(latest[1:], self._window[0] + self._window_us))
+            self._count += end - begin
+            self._whole &= not silent[begin : end + 1].any()
+            if end == len(ordinal):
+                return
+            t_us, at = int(latest[end + 1]), int(ordinal[end])
+            sent = np.searchsorted(transfers, at) - np.searchsorted(transfers, self._window[1])
+            if self._whole and sent < _TRANSFER:
+                if len(self._rates) >= _LEAST_WINDOWS:
+                    yield t_us, at, self._count / max(median(self._rates), 1)
+                self._rates.append(self._count)
+            self._window, self._count, self._whole, begin = (t_us, at), 0, True, end
+
+
+def _merged(one: Rated, other: Rated) -> Rated:
+    """Both, in order of arrival."""
+    order = np.argsort(np.concatenate((one.ordinal, other.ordinal)), kind="stable")
+    return Rated(
+        np.concatenate((one.t_boot_us, other.t_boot_us))[order],
+        np.concatenate((one.ordinal, other.ordinal))[order],
+        np.concatenate((one.value, other.value))[order],
+        np.concatenate((one.bad, other.bad))[order],
+        np.concatenate((one.low, other.low))[order],
+        np.concatenate((one.detail, other.detail))[order],
+    )
+
+
+def _silences(turns: list[Turn], stream: int) -> list[Turn]:
+    """Where no timed message came, although the vehicle was heard."""
+    return [turn for turn in turns if turn.stream == stream and turn.what == "silent"]
+
+
+def _at_deadlines(silences: list[Turn], delays: AlarmSettings) -> Rated:
+    """Silences, each bad at its deadline."""
+    t_us = np.array([turn.t_boot_us for turn in silences], np.int64)
+    silent_s = np.array([turn.silent_us * 1e-6 for turn in silences])
+    return rated(t_us, np.array([turn.ordinal for turn in silences], np.int64), silent_s, 0.0, delays)
+
+
+class StreamCheck(Check):
+    """The check over one vehicle."""
+
+    name: ClassVar[str] = "stream"
+    needs: ClassVar[Literal["both", "quaternion", "any", "nothing"]] = "nothing"
+    compares: ClassVar[bool] = False
+    unit: ClassVar[str] = "s"
+    is_not: ClassVar[str] = "not the attitude itself: what does not come, or stands still, tells nothing of it"
+    agrees: ClassVar[str] = "both streams came steadily"
+
+    def __init__(self, settings: StreamSettings, delays: AlarmSettings) -> None:
+        """Start with nothing judged."""
+        super().__init__()
+        self._settings = settings
+        self._delays = delays
+        self._at_once = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=0.0)
+        self._start()
+
+    @property
+    def tiers(self) -> tuple[Tier, ...]:
+        """For each stream: silent, frozen, without numbers, slow."""
+        return tuple(
+            tier
+            for name in _STREAMS
+            for tier in (
+                Tier(f"{name} silent", "alarm", f"{name} stopped, while the vehicle is still heard", self._at_once),
+                Tier(f"{name} frozen", "alarm", f"{name} is frozen: the same attitude on and on", self._at_once),
+                Tier(f"{name} invalid", "alarm", f"{name} carries NaN or infinity", self._delays, "1"),
+                Tier(
+                    f"{name} slow", "warning", f"{name} comes at less than half of its usual rate", self._at_once, "1"
+                ),
+            )
+        )
+
+    def start_boot(self) -> None:
+        """Forget what counts within one boot alone."""
+        super().start_boot()
+        self._start()
+
+    def _start(self) -> None:
+        self._streams = tuple(_Stream(self._settings) for _ in _STREAMS)
+        self._heard_us: int | None = None
+        self._transfers: Int64s = np.empty(0, np.int64)
+        self._frames: tuple[Int64s, Int64s] = np.empty(0, np.int64), np.empty(0, np.int64)
+
+    def judge(self, flight: Flight) -> Iterator[Ratings]:
+        """Rate what came, and what did not."""
+        sides = ((flight.euler, flight.euler_ordinal), (flight.quaternion, flight.quaternion_ordinal))
+        sent = [say.ordinal for say in flight.told if isinstance(say, ParameterSet)]
+        self._transfers = np.concatenate((self._transfers, np.array(sent, np.int64)))[-1000:]
+        least = self._least_periods(flight)
+        for k, (name, stream) in enumerate(zip(_STREAMS, self._streams, strict=True)):
+            samples, ordinal = sides[k]
+            yield Ratings(f"{name} silent", stream.silent(k, flight, least, self._transfers, self._at_once))
+            if len(samples):
+                same_s, moved = stream.frozen(samples, ordinal, *sides[1 - k])
+                value = np.where(moved, same_s, 0.0)
+                frozen = rated(samples.t_boot_us, ordinal, value, self._settings.frozen_after_s * 0.999, self._at_once)
+                yield Ratings(f"{name} frozen", frozen)
+                invalid = np.where(finite(samples.q_nb), 0.0, 1.0)
+                yield Ratings(f"{name} invalid", rated(samples.t_boot_us, ordinal, invalid, 0.5, self._delays))
+                windows = np.array(list(stream.slow(samples, ordinal, self._transfers))).reshape(-1, 3)
+                share = 1.0 / np.maximum(windows[:, 2], 1e-3)
+                at = windows[:, 1].astype(np.int64)
+                slow = rated(windows[:, 0].astype(np.int64), at, share, 1.0 / self._settings.slow_below, self._at_once)
+                yield Ratings(f"{name} slow", slow)
+            stream.hear_other(sides[1 - k][0])
+        ordinals = np.concatenate([ordinal for _, ordinal in sides])
+        arrival = np.argsort(ordinals, kind="stable")
+        t_us = np.concatenate([samples.t_boot_us for samples, _ in sides])[arrival]
+        self._watch_streams(t_us)
+
+    def _watch_streams(self, t_us: Int64s) -> None:
+        """Every sample is judged; the report's numbers are the intervals between them, of both streams together."""
+        if len(t_us):
+            past_us = int(t_us[0]) if self._heard_us is None else self._heard_us
+            latest = np.maximum.accumulate(np.concatenate(([past_us], t_us)))
+            self._heard_us = int(latest[-1])
+            self._watch(t_us, np.diff(latest) * 1e-6, np.ones(len(t_us), np.bool_))
+
+    def silent(self, turns: list[Turn]) -> Iterator[Ratings]:
+        """Rate silences that were found on receive time, while no timed message came."""
+        for k, name in enumerate(_STREAMS):
+            found = _silences(turns, k)
+            if found:
+                yield Ratings(f"{name} silent", _at_deadlines(found, self._at_once))
+
+    def _least_periods(self, flight: Flight) -> Floats:
+        """How many periods of silence mean something, by the share of the vehicle's frames that was lost of late."""
+        lost, received = (
+            np.concatenate((before, now))
+            for before, now in zip(self._frames, (flight.lost, flight.received), strict=True)
+        )
+        row = np.arange(len(self._frames[0]), len(lost))
+        since = np.maximum(row - _LOSS_MESSAGES, 0)
+        missing, came = lost[row] - lost[since], received[row] - received[since]
+        self._frames = lost[-_LOSS_MESSAGES:], received[-_LOSS_MESSAGES:]
+        share = np.clip(missing / np.maximum(missing + came, 1), 1e-3, 0.9)
+        return np.asarray(np.maximum(self._settings.stale_periods, np.log(_NEVER) / np.log(share)))
+
+    def why_not(self) -> str:
+        """Why nothing was judged."""
+        return "neither ATTITUDE nor ATTITUDE_QUATERNION was received"

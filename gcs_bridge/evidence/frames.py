@@ -1,0 +1,71 @@
+"""The frames of moments, byte for byte and each with its place in the recording, by reading that once more."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from gcs_bridge.evidence.tables import utc
+from gcs_bridge.mavlink.dialect import Dialect
+from gcs_bridge.mavlink.scan import FRAME, Frames, Scanner
+from gcs_bridge.recording import Source
+
+__all__ = ["frames_of"]
+
+
+class _Part(NamedTuple):
+    """Frames of one piece: n, their ordinals, and their bytes."""
+
+    frames: Frames
+    ordinal: npt.NDArray[np.int64]
+    data: list[bytes]
+
+
+_NOTHING = _Part(np.empty(0, FRAME), np.empty(0, np.int64), [])
+
+
+def frames_of(source: Source, ranges: Sequence[tuple[int, int]], dialect: Dialect) -> Iterator[tuple[int, pa.Table]]:
+    """The index of each range of ordinals (first, end), and its frames; a range is given out when it has been read.
+
+    Frames of unknown ids are no vehicle's and have no ordinal; they are given where they lie, before the next that has.
+    """
+    scanner = Scanner(dialect, timed=source.timed)
+    waiting: dict[int, list[_Part]] = {index: [] for index in range(len(ranges))}
+    count = 0
+    for piece in chain(source.pieces(), (None,)):
+        scanner.scan(piece or b"", final=piece is None)
+        frames, raw = scanner.all_frames, None
+        verified = frames["verified"] == 1
+        ordinal = count + np.cumsum(verified) - verified
+        count += int(verified.sum())
+        for index, parts in list(waiting.items()):
+            first, end = ranges[index]
+            rows = np.flatnonzero((ordinal >= first) & (ordinal < end))
+            if len(rows):
+                raw = raw or scanner.raw_frames()
+                parts.append(_Part(frames[rows], ordinal[rows], [raw[row].data for row in rows.tolist()]))
+            if count >= end or piece is None:
+                yield index, pa.concat_tables([_table(part, dialect) for part in waiting.pop(index) or [_NOTHING]])
+
+
+def _table(part: _Part, dialect: Dialect) -> pa.Table:
+    frames = part.frames
+    return pa.table(
+        {
+            "frame": pa.array(part.ordinal, pa.int64(), mask=frames["verified"] == 0),
+            "offset": pa.array(frames["offset"], pa.int64()),
+            "t_rx_utc": utc(frames["t_rx_us"]),
+            "message": pa.array([dialect.name_of(msgid) for msgid in frames["msgid"].tolist()], pa.string()),
+            "msgid": pa.array(frames["msgid"], pa.int32()),
+            "sysid": pa.array(frames["sysid"], pa.uint8()),
+            "compid": pa.array(frames["compid"], pa.uint8()),
+            "seq": pa.array(frames["seq"], pa.uint8()),
+            "duplicate": pa.array(frames["duplicate"] == 1),
+            "bytes": pa.array(part.data, pa.binary()),
+        }
+    )

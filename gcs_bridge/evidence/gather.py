@@ -1,0 +1,144 @@
+"""Gathers the evidence of one recording's alarms while it is judged, and writes it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from gcs_bridge._version import __version__
+from gcs_bridge.errors import UsageError
+from gcs_bridge.events import Event
+from gcs_bridge.evidence.frames import frames_of
+from gcs_bridge.evidence.place import Folder
+from gcs_bridge.evidence.summary import summary
+from gcs_bridge.evidence.tables import tables_of
+from gcs_bridge.judge import Observation
+from gcs_bridge.moments import Moment, Moments
+from gcs_bridge.monitor import open_dialect
+from gcs_bridge.recording import open_recording
+from gcs_bridge.report import Report
+from gcs_bridge.viewer.moment import save_moment
+
+__all__ = ["Evidence"]
+
+_MOST = 100  # alarms of a recording: more are told apart from a few, and not looked at
+
+
+@dataclass(frozen=True)
+class _Written:
+    """What was written of one alarm."""
+
+    path: Path
+    vehicle: tuple[int, int]
+    alarm_id: str
+    frames: tuple[int, int]  # ordinals: the first, and the first one behind
+    events: tuple[Event, ...]
+    rows: dict[str, int]
+
+
+class Evidence:
+    """A witness of how a recording is judged: `gcs_bridge.recording.check_file(witness=…)`.
+
+    Tables and pictures are written as each moment ends; `complete`, with the report's entry, adds frames and summaries.
+    """
+
+    def __init__(self, recording: Path, folder: Folder, dialect: str) -> None:
+        """Start with nothing gathered, and touch nothing before the first alarm."""
+        self.left_out = 0  # alarms beyond those that are kept
+        self._recording = recording
+        self._folder = folder
+        self._dialect = dialect
+        self._moments = Moments()
+        self._written: list[_Written] = []
+
+    def __enter__(self) -> Evidence:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._folder.discard()
+
+    def observe(self, observation: Observation) -> None:
+        """Take what was judged."""
+        self._moments.observe(observation)
+
+    def take(self, events: list[Event]) -> None:
+        """Take the events of a piece, and write the moments that are over."""
+        self._write(self._moments.take(events))
+
+    def complete(self, entry: Mapping[str, Any]) -> int:
+        """The recording is judged: write what is left; how many alarms there is evidence of. UsageError: it cannot be.
+
+        `entry` is the recording's in the report.
+        """
+        self._write(self._moments.finish())
+        self.left_out += self._moments.missed
+        if not self._written:
+            return 0
+        with _writing(self._folder.path):
+            self._write_frames()
+            (plain,) = Report((dict(entry),)).to_dict()["files"]
+            index = [self._sum_up(plain, written) for written in self._written]
+            said = {"version": __version__, "recording": plain["path"], "bytes": plain["bytes"], "alarms": index}
+            self._folder.complete(msgspec.json.format(msgspec.json.encode(said)))
+        return len(self._written)
+
+    def _write(self, moments: list[Moment]) -> None:
+        for moment in moments:
+            if len(self._written) == _MOST:
+                self.left_out += 1
+                continue
+            with _writing(self._folder.path):
+                path = self._folder.new(moment.alarm["id"])
+                tables = tables_of(moment)
+                for name, table in tables.items():
+                    _save(table, path / f"{name}.parquet")
+                save_moment(moment, f"{self._folder.path.name} {moment.alarm['id']}", path / "moment.rrd")
+            rows = {name: len(table) for name, table in tables.items()}
+            about = (moment.vehicle, moment.alarm["id"], (moment.first, moment.end), moment.events)
+            self._written.append(_Written(path, *about, rows))
+
+    def _write_frames(self) -> None:
+        with open_recording(self._recording, self._dialect, judged=False) as source:
+            ranges = [written.frames for written in self._written]
+            for index, table in frames_of(source, ranges, open_dialect(self._dialect)):
+                written = self._written[index]
+                _save(table, written.path / "frames.parquet")
+                written.rows["frames"] = len(table)
+
+    def _sum_up(self, entry: Mapping[str, Any], written: _Written) -> dict[str, Any]:
+        """Write an alarm's summary; its entry in the index."""
+        vehicle, alarm = _alarm_of(entry, written)
+        page = summary(entry["path"], vehicle, alarm, written.rows, written.events)
+        (written.path / "summary.md").write_text(page, encoding="utf-8")
+        return {"folder": written.path.name, "vehicle": list(written.vehicle), **alarm}
+
+
+def _alarm_of(entry: Mapping[str, Any], written: _Written) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """The vehicle's and the alarm's entry in the report."""
+    for vehicle in entry["vehicles"]:
+        if (vehicle["sysid"], vehicle["compid"]) == written.vehicle:
+            for alarm in vehicle["alarms"]:
+                if alarm["id"] == written.alarm_id:
+                    return vehicle, alarm
+    raise LookupError(written.alarm_id)
+
+
+def _save(table: pa.Table, path: Path) -> None:
+    with path.open("wb") as file:
+        pq.write_table(table, file, compression="zstd")
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """UsageError in one line for what keeps a file from being written."""
+    try:
+        yield
+    except OSError as error:  # pyarrow's too
+        raise UsageError(f"cannot write {path}: {error.strerror or error}") from None

@@ -1,0 +1,91 @@
+"""Where evidence goes: DIR/<recording>/<alarm>/. A recording's folder is whole or not there."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+
+from gcs_bridge.errors import UsageError
+
+__all__ = ["INDEX", "Folder", "Place"]
+
+INDEX = "evidence.json"  # what a folder holds; by it, one that may be replaced is known
+
+
+class Place:
+    """The folder that `--evidence` names, and within it one for each recording."""
+
+    def __init__(self, path: Path, recordings: Iterable[Path]) -> None:
+        """Refuse now what could not be written later, and touch nothing; UsageError says why."""
+        self._path = path
+        self._folders = _folders(path, recordings)
+        try:
+            self._refuse()
+        except OSError as error:  # it may not even be looked at
+            raise UsageError(f"cannot write {path}: {error.strerror}") from None
+
+    def folder(self, recording: Path) -> Folder:
+        """Where the evidence of one of the recordings goes."""
+        return Folder(self._folders[recording])
+
+    def _refuse(self) -> None:
+        if str(self._path) != str(self._path).encode("utf-8", "replace").decode():
+            raise UsageError(f"cannot write {self._path}: its name is no UTF-8, and rerun writes to no such one")
+        there = next(path for path in (self._path.absolute(), *self._path.absolute().parents) if path.exists())
+        if not there.is_dir():
+            raise UsageError(f"cannot write {self._path}: {there} is not a folder")
+        if not os.access(there, os.W_OK | os.X_OK):
+            raise UsageError(f"cannot write {self._path}: no permission in {there}")
+        for folder in self._folders.values():
+            if os.path.lexists(folder) and not (folder / INDEX).is_file():
+                raise UsageError(f"cannot write {folder}: it is there, and no evidence: name another folder")
+
+
+class Folder:
+    """One recording's folder. It grows under another name, and replaces an earlier one as a whole."""
+
+    def __init__(self, path: Path) -> None:
+        """Touch nothing yet."""
+        self.path = path
+        self._growing = path.with_name(f".{path.name}.{os.getpid()}.partial")
+
+    @property
+    def is_there(self) -> bool:
+        """Whether there is evidence already: of an earlier run, or now complete."""
+        return self.path.is_dir()
+
+    def new(self, name: str) -> Path:
+        """A new folder in it."""
+        path = self._growing / name
+        path.mkdir(parents=True)
+        return path
+
+    def complete(self, index: bytes) -> None:
+        """All is written: give the folder its name."""
+        (self._growing / INDEX).write_bytes(index)
+        if self.is_there:
+            shutil.rmtree(self.path)
+        self._growing.replace(self.path)
+
+    def discard(self) -> None:
+        """Leave nothing of what was not completed."""
+        shutil.rmtree(self._growing, ignore_errors=True)
+
+
+def _folders(path: Path, recordings: Iterable[Path]) -> dict[Path, Path]:
+    """A folder for each recording, named like it; further ones of one name are numbered."""
+    folders: dict[Path, Path] = {}
+    taken: set[str] = set()
+    for recording in recordings:
+        # What no viewer or program could read as a name: bytes that are no UTF-8, control characters, separators.
+        plain = re.sub(r'[\ud800-\udfff\x00-\x1f\x7f/\\:*?"<>|]', "_", recording.stem).lstrip(".") or "_"
+        name, number = plain, 1
+        while name.casefold() in taken:
+            number += 1
+            name = f"{plain}-{number}"
+        taken.add(name.casefold())
+        folders[recording] = path / name
+    return folders

@@ -1,0 +1,319 @@
+"""The expected differences of one vehicle, followed through its batches and boots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge import attitude
+from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, VTOL_VIEW, Correction
+from gcs_bridge.expected.knowledge import FORWARD, HOVER, Knowledge
+from gcs_bridge.expected.pairs import (
+    NO_EULER,
+    NO_PAIRS,
+    NO_QUATERNION,
+    NOISE_RAD,
+    TAIL,
+    VIEW_NOISE_RAD,
+    EulerRows,
+    Floats,
+    Int64s,
+    Mask,
+    Pairs,
+    QuaternionRows,
+    in_order,
+    match,
+)
+from gcs_bridge.expected.view import Step, View
+from gcs_bridge.samples import AttitudeSamples
+from gcs_bridge.told import ModeSet, ParameterSet
+
+_EFFECT_RAD = math.radians(0.02)  # what the bound of a same-instant pair swallows needs no explanation
+_SAME_VALUE_RAD = math.radians(0.3)  # a fit that moves by less was refined
+_MODE_LAG_US = 10_000_000  # a tailsitter changes its view when it has turned, seconds after the mode; 3.5 s were seen
+_AHEAD_US = 1_000_000  # heartbeats come once a second: the view may change before the mode is told
+_QUATERNION_AGE_S = 1.0
+_VIEW_MATCH_RAD = math.radians(2.0)  # the latest quaternion, brought to the sample's time by its rates, may be off by
+_VIEW_MATCH_SHARE = 0.25  # so much, or by this share of what is between the views
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """n Euler samples with the expected differences undone.
+
+    `q_nb` (n, 4) [w, x, y, z], FRD to NED; `causes` (n,) bits PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what turned a sample
+    by more than 0.02°; `applied`: rows, and what was undone there; nothing was elsewhere.
+    """
+
+    q_nb: Floats
+    causes: npt.NDArray[np.uint8]
+    applied: tuple[tuple[Int64s, Correction], ...] = ()
+
+    def __getitem__(self, part: slice) -> Corrected:
+        """Some samples, one behind the other."""
+        start, stop, _ = part.indices(len(self.q_nb))
+        applied = ((rows[(rows >= start) & (rows < stop)] - start, correction) for rows, correction in self.applied)
+        return Corrected(self.q_nb[part], self.causes[part], tuple(applied))
+
+    def undo(self, rpy_rad: Floats, rows: Int64s) -> Floats:
+        """What was undone at `rows` (n,) of the batch, undone in other angles (n, 3): q_nb (n, 4)."""
+        q_nb = NOTHING.undo(rpy_rad)
+        for where, correction in self.applied:
+            mine = np.isin(rows, where)
+            if mine.any():
+                q_nb[mine] = correction.undo(rpy_rad[mine])
+        return q_nb
+
+    def trim_b_rad(self, n: int) -> Floats:
+        """AHRS_TRIM as it was undone in each of n samples: the turn (n, 3) from the body's axes to the IMU's."""
+        trim = np.zeros((n, 3))
+        for where, correction in self.applied:
+            trim[where] = correction.trim_x_rad, correction.trim_y_rad, 0.0
+        return trim
+
+
+@dataclass
+class _Explanation:
+    """A cause with its numbers, in the view in which it turned samples."""
+
+    cause: int
+    values_rad: tuple[float, ...]
+    fitted: bool
+    view: View
+
+
+class Expected:
+    """The differences that one vehicle's firmware makes, followed through its batches and boots."""
+
+    def __init__(self) -> None:
+        """Start with nothing told."""
+        self._told = Knowledge()
+        self._news: list[ParameterSet | ModeSet] = []
+        self._views = (View(NOISE_RAD, comes_and_goes=False), View(VIEW_NOISE_RAD, comes_and_goes=True))
+        self._explanations: list[_Explanation] = []
+        self._euler, self._quaternion = NO_EULER, NO_QUATERNION  # the latest in order, within this boot
+        self._done = -1  # ordinal up to which pairs were taken
+        self._mode_since_us: int | None = None  # None: counted from the next sample
+        self._shown: int | None = None  # the view of the latest sample, None: that of the mode
+        self._astray_since_us = -1  # since when it is not that of the mode, −1 if it is
+
+    def start_boot(self) -> None:
+        """Forget what counts within one boot alone. Parameters, modes and what was fitted outlive it."""
+        self._euler, self._quaternion = NO_EULER, NO_QUATERNION
+        self._mode_since_us, self._shown, self._astray_since_us = None, None, -1
+        for view in self._views:
+            view.start_boot()
+
+    def told(self, what: Iterable[ParameterSet | ModeSet]) -> None:
+        """Take what arrived in this batch, in order of arrival, before `correct` of the same batch."""
+        self._news += what
+
+    def correct(
+        self, euler: AttitudeSamples, euler_ordinal: Int64s, quaternion: AttitudeSamples, quaternion_ordinal: Int64s
+    ) -> Corrected:
+        """Undo the expected differences in a batch of Euler samples.
+
+        `euler_ordinal` and `quaternion_ordinal` say the order of arrival among both and with what was told.
+        """
+        q_nb, causes = euler.q_nb, np.zeros(len(euler), np.uint8)
+        applied: list[tuple[Int64s, Correction]] = []
+        news, self._news = self._news, []
+        done = [0, 0]
+        for what in [*news, None]:
+            upto = [len(euler), len(quaternion)]
+            if what is not None:
+                upto = [int(np.searchsorted(of, what.ordinal)) for of in (euler_ordinal, quaternion_ordinal)]
+            if upto != done and not self._told.makes_none:
+                e, q = slice(done[0], upto[0]), slice(done[1], upto[1])
+                for rows, corrected, turned_by, correction in self._take(
+                    euler[e], euler_ordinal[e], quaternion[q], quaternion_ordinal[q]
+                ):
+                    if q_nb is euler.q_nb:
+                        q_nb = q_nb.copy()
+                    q_nb[done[0] + rows], causes[done[0] + rows] = corrected, turned_by
+                    applied.append((done[0] + rows, correction))
+            done = upto
+            if what is not None:
+                self._learn(what)
+        return Corrected(q_nb, causes, tuple(applied))
+
+    def explanations(self) -> list[dict[str, Any]]:
+        """The report's `explained_by`: what turned samples by more than 0.02°, in order of time."""
+        return [self._entry(one) for one in self._explanations]
+
+    def _learn(self, what: ParameterSet | ModeSet) -> None:
+        told, (forward, hover) = self._told, self._views
+        before, could_hover, flew_forward = (told.view, told.autopilot), told.can_hover, told.custom_mode >= 0
+        if not told.take(what):
+            return
+        if (told.view, told.autopilot) != before:
+            latest = [int(of.t_us[-1]) for of in (self._euler, self._quaternion) if len(of)]
+            self._mode_since_us, self._astray_since_us = max(latest, default=None), -1
+        if told.can_hover and not could_hover:
+            self._shown = None
+            told.view_refuted |= flew_forward and forward.denied  # what was there before comes from no VTOL mode
+        self._expect()
+        if told.can_hover and not could_hover:
+            hover.take_over(forward)
+
+    def _expect(self) -> None:
+        told = self._told
+        forward, hover = told.predicted(), told.predicted_view()
+        self._views[FORWARD].expect(tuple(dict.fromkeys((forward, NOTHING))), told.open_causes())
+        self._views[HOVER].expect(tuple(dict.fromkeys((hover, forward, NOTHING))), told.open_view)
+
+    def _take(
+        self, euler: AttitudeSamples, euler_ordinal: Int64s, quaternion: AttitudeSamples, quaternion_ordinal: Int64s
+    ) -> Iterator[tuple[Int64s, Floats, npt.NDArray[np.uint8], Correction]]:
+        """Take samples among which nothing was told; yield rows that are corrected, q_nb, causes and correction."""
+        assert euler.rpy_rad is not None
+        good = in_order(quaternion, self._quaternion)
+        more = QuaternionRows(quaternion_ordinal, quaternion.t_boot_us, quaternion.q_nb, quaternion.w_nb_b_rad_s)
+        quaternions = self._quaternion.then(more.part(good))
+        good = in_order(euler, self._euler)
+        start, end = 0, len(euler)
+        while True:
+            rest = slice(start, end)
+            view, free, astray_since_us = self._choose(
+                euler_ordinal[rest], euler[rest], euler.rpy_rad[rest], quaternions
+            )
+            new = EulerRows(euler_ordinal[rest], euler.t_boot_us[rest], euler.rpy_rad[rest], view, free)
+            eulers = self._euler.then(new.part(good[rest]))
+            pairs, views = match(eulers, quaternions, self._done)
+            parts = [pairs.part(views == view) for view in (FORWARD, HOVER)] if views.any() else [pairs, NO_PAIRS]
+            steps = self._scan(parts)
+            ordinals = [int(part.ordinal[step.at]) for part, step in zip(parts, steps, strict=True) if step]
+            ordinal = min(ordinals, default=None)
+            count = end - start if ordinal is None else int(np.searchsorted(new.ordinal, ordinal, side="right"))
+            yield from self._undo(new.part(slice(count)), start)
+            self._keep(parts, steps, ordinal)
+            if count:
+                self._shown, self._astray_since_us = int(view[count - 1]), int(astray_since_us[count - 1])
+                self._euler = self._euler.then(new.part(slice(count)).part(good[start : start + count]))
+            if ordinal is None:
+                break
+            self._done, start = ordinal, start + count
+        self._done = max([self._done, *(int(of[-1]) for of in (euler_ordinal, quaternion_ordinal) if len(of))])
+        self._euler, self._quaternion = self._euler.part(slice(-TAIL, None)), quaternions.part(slice(-TAIL, None))
+
+    def _choose(
+        self, ordinal: Int64s, euler: AttitudeSamples, rpy_rad: Floats, quaternions: QuaternionRows
+    ) -> tuple[npt.NDArray[np.int8], Mask, Int64s]:
+        """The view that each of n Euler samples shows, whether it may change there, since when it is not the mode's.
+
+        The mode says which view it is. Around a change of mode the latest quaternion says it, brought to the sample's
+        time by the body rates of both (which are the body's in every view). Only the down vectors are compared: yaw,
+        and its resets, have no part in it.
+        """
+        t_us, n = euler.t_boot_us, len(euler)
+        mode_view, hover = self._told.view, self._views[HOVER]
+        usual = FORWARD if mode_view is None else mode_view
+        view = np.full(n, usual, np.int8)
+        free, astray_since_us = np.zeros(n, np.bool_), np.full(n, -1)
+        if not self._told.can_hover or not n:
+            return view, free, astray_since_us
+        if self._mode_since_us is None:
+            self._mode_since_us = int(t_us[0])
+        free[:] = True if mode_view is None else t_us - self._mode_since_us <= _MODE_LAG_US
+        unknown = self._told.open_view and not hover.fitted
+        if unknown or hover.correction == self._views[FORWARD].correction or not len(quaternions):
+            return view, free, astray_since_us
+        latest = np.searchsorted(quaternions.ordinal, ordinal) - 1
+        since_s = (t_us - quaternions.t_us[latest]) * 1e-6
+        turn = 0.5 * (quaternions.w_b_rad_s[latest] + euler.w_nb_b_rad_s) * since_s[:, None]
+        q_now = attitude.multiply(quaternions.q_nb[latest], attitude.quaternion_from_rotvec(turn))
+        down = attitude.body_down(q_now)
+        downs = [attitude.body_down(one.correction.undo(rpy_rad)) for one in self._views]
+        off = [_norm(one - down) for one in downs]
+        known = (latest >= 0) & (np.abs(since_s) <= _QUATERNION_AGE_S)
+        known &= np.minimum(*off) <= np.maximum(_VIEW_MATCH_RAD, _VIEW_MATCH_SHARE * _norm(downs[0] - downs[1]))
+        is_usual, astray = (known & (3.0 * off[one] < off[1 - one]) for one in (usual, 1 - usual))
+        decided = np.maximum.accumulate(np.where(is_usual | astray, np.arange(n), -1))
+        undecided = usual if self._shown is None else self._shown
+        shown = np.where(decided >= 0, np.where(astray[decided], 1 - usual, usual), undecided)
+        before = np.concatenate(([self._astray_since_us >= 0], astray[:-1]))
+        begins = np.maximum.accumulate(np.where(astray & ~before, np.arange(n), -1))
+        astray_since_us = np.where(begins >= 0, t_us[begins], self._astray_since_us)
+        astray_since_us[~astray] = -1
+        ahead = astray & (t_us - astray_since_us <= _AHEAD_US)
+        view[:] = np.where(free | ahead, shown, usual)
+        return view, free, astray_since_us
+
+    def _scan(self, parts: list[Pairs]) -> list[Step | None]:
+        """The first change that the pairs of each view make in it."""
+        hover = self._views[HOVER]
+        rivals = (hover.correction if hover.fitted and not hover.proven else None, None)
+        return [
+            view.scan(part, self._told, rival) for view, part, rival in zip(self._views, parts, rivals, strict=True)
+        ]
+
+    def _keep(self, parts: list[Pairs], steps: list[Step | None], ordinal: int | None) -> None:
+        """Remember the pairs up to the frame `ordinal`, and the step that one of the views made there."""
+        for view, part, step in zip(self._views, parts, steps, strict=True):
+            made = step if step is not None and part.ordinal[step.at] == ordinal else None
+            upto = len(part) if ordinal is None else int(np.searchsorted(part.ordinal, ordinal, side="right"))
+            dropped = view.keep(part.part(slice(upto)), made).values()
+            given_up = 0 if made is None else made.gives_up
+            self._explanations = [
+                one
+                for one in self._explanations
+                if not (one.fitted and one.cause & given_up)
+                and not (one.view is view and dropped.get(one.cause) == one.values_rad)
+            ]
+            if given_up & VTOL_VIEW:
+                self._told.view_refuted = True
+                self._expect()
+        forward, hover = self._views
+        if hover.fitted and forward.settled and forward.correction != hover.correction:
+            hover.proven = True  # it was seen to go with the mode
+
+    def _undo(self, euler: EulerRows, start: int) -> Iterator[tuple[Int64s, Floats, npt.NDArray[np.uint8], Correction]]:
+        """Correct samples by the view that each one shows; yield as `_take` does, rows counted from `start`."""
+        for index, view in enumerate(self._views):
+            rows = np.flatnonzero(euler.view == index)
+            correction = view.correction
+            if correction == NOTHING or not len(rows):
+                continue
+            rpy_rad = euler.rpy_rad[rows]
+            q_nb = correction.undo(rpy_rad)
+            causes = np.zeros(len(rows), np.uint8)
+            for cause, values_rad in correction.values().items():
+                without = correction.without(cause).undo(rpy_rad)
+                turned = attitude.angle_between(without, q_nb) > _EFFECT_RAD
+                causes[turned] |= cause
+                if turned.any():
+                    self._explain(cause, values_rad, view)
+            yield start + rows, q_nb, causes, correction
+
+    def _explain(self, cause: int, values_rad: tuple[float, ...], view: View) -> None:
+        new = _Explanation(cause, values_rad, bool(view.fitted & cause), view)
+        latest = max((at for at, one in enumerate(self._explanations) if one.cause == cause), default=None)
+        if latest is not None:
+            before = self._explanations[latest]
+            moved = max(abs(a - b) for a, b in zip(before.values_rad, values_rad, strict=True))
+            if moved == 0.0 or (before.fitted and moved <= _SAME_VALUE_RAD):  # the same, better known
+                self._explanations[latest] = new
+                return
+        self._explanations.append(new)
+
+    def _entry(self, one: _Explanation) -> dict[str, Any]:
+        values_deg = [round(math.degrees(value), 4) for value in one.values_rad]
+        alternatives: list[str] = []
+        if one.fitted and one.view.correction.values().get(one.cause) == one.values_rad:
+            alternatives = one.view.alternatives()
+        return {
+            "cause": CAUSE_NAMES[one.cause],
+            "value": values_deg if len(values_deg) > 1 else values_deg[0],
+            "unit": "deg",
+            "estimated": one.fitted,
+            "alternatives": alternatives,
+        }
+
+
+def _norm(v: Floats) -> Floats:
+    return np.sqrt(v[:, 0] ** 2 + v[:, 1] ** 2 + v[:, 2] ** 2)

@@ -1,0 +1,242 @@
+"""One view of the vehicle: which correction holds in it, by what was told and by what the pairs of one instant say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from gcs_bridge.expected.correction import AHRS_TRIM, NOTHING, PITCH_TRIM, VTOL_VIEW, Correction
+from gcs_bridge.expected.knowledge import Knowledge
+from gcs_bridge.expected.pairs import (
+    IN_A_ROW,
+    NO_PAIRS,
+    NOISE_RAD,
+    PITCH_MOVED_RAD,
+    SECOND_ORDER,
+    TOLD_APART,
+    TRIM_PAIRS,
+    Int64s,
+    Mask,
+    Pairs,
+    fit_trims,
+    in_a_row,
+    like_mount,
+    like_sign,
+    pitch_axis,
+    run_lengths,
+    turn_about,
+)
+
+_MOST_PITCH_RAD = math.radians(15.0)  # a larger one is not fitted
+_RECENT = 32  # pairs kept for fitting,
+_SPARSE_US = 1_000_000  # and one pair a second, as many, for what changes slowly
+_FIT_FIRST = (3, 4, 6, 8)  # denials after which two numbers are fitted,
+_FIT_EVERY_US = 250_000  # and vehicle time between later attempts
+_Y_AXIS = np.array([[0.0, 1.0, 0.0]])  # of the body: to the right
+
+
+class Step(NamedTuple):
+    """From the pair `at` on, another correction holds."""
+
+    at: int
+    correction: Correction
+    fitted: int = 0  # causes of it that are fitted
+    gives_up: int = 0  # causes that were fitted, and are none after all
+
+
+class View:
+    """One view of the vehicle: the correction that holds in it, and what the pairs of one instant make of that."""
+
+    def __init__(self, noise_rad: float, *, comes_and_goes: bool) -> None:
+        """Start with nothing told; a view that comes and goes may be new wherever the views may change."""
+        self.correction = NOTHING
+        self.fitted = 0  # causes of it that were fitted
+        self.proven = False  # the motion has told the fit from a fault
+        self.like_mount = self.like_sign = False  # so far a fitted pitch trim may be one of these
+        self.settled = False  # both forms agreed before: a new difference may be a fault
+        self._noise_rad = noise_rad
+        self._comes_and_goes = comes_and_goes
+        self._pitch_range = (math.inf, -math.inf)
+        self._confirmed = False  # some pairs agreed with the correction
+        self._expected: tuple[Correction, ...] = (NOTHING,)  # what was told, and what may hold instead of it
+        self._open = 0  # causes that may be fitted
+        self._recent = self._sparse = NO_PAIRS  # the latest pairs, and one a second
+        self._denials = self._agreements = 0  # pairs in a row, up to the last one kept
+        self._scanned = (np.empty(0, np.int64), np.empty(0, np.int64))  # the same up to each pair scanned
+
+    def start_boot(self) -> None:
+        """Pairs of the boot before say nothing any more; the correction still holds, as parameters do."""
+        self._recent = self._sparse = NO_PAIRS
+        self._denials = self._agreements = 0
+
+    def take_over(self, other: View) -> None:
+        """The latest pairs, which were taken for the other view's, may have been this one's."""
+        self._recent = other._recent
+        self._denials = self._agreements = 0
+        if len(other._recent):
+            self._denials = int(run_lengths(self._denied(other._recent), 0)[-1])
+
+    @property
+    def denied(self) -> bool:
+        """Whether the latest pairs deny the correction."""
+        return self._denials >= IN_A_ROW
+
+    def expect(self, expected: tuple[Correction, ...], open_causes: int) -> None:
+        """Something was told: what it predicts holds from now on, unless it says nothing new here."""
+        if (expected, open_causes) == (self._expected, self._open):
+            return
+        fit_stands = self.fitted and not self.fitted & ~open_causes and expected[0] == self._expected[0]
+        if not fit_stands and (expected[0] != self._expected[0] or self.fitted):
+            self._hold(Step(0, expected[0]))
+        self._expected, self._open = expected, open_causes
+
+    def scan(self, pairs: Pairs, told: Knowledge, rival: Correction | None) -> Step | None:
+        """Find the first of the pairs after which another correction holds; nothing is remembered yet.
+
+        `rival` is a fitted correction of the other view: if it holds in this one as well, it is none.
+        """
+        if not len(pairs):
+            return None
+        denied = self._denied(pairs)
+        denials = run_lengths(denied, self._denials)
+        agreements = run_lengths(~denied, self._agreements)
+        self._scanned = denials, agreements
+        steps = [Step(at, self.correction, self.fitted) for at in self._learns(pairs, denials, agreements)]
+        hot = denials >= IN_A_ROW
+        if not hot.any():
+            return min(steps, key=lambda step: step.at, default=None)
+        seen, n = self._recent.then(pairs), len(hot)
+
+        def first(where: Mask) -> int | None:
+            where = where[-n:] & hot
+            return int(where.argmax()) if where.any() else None
+
+        for other in self._expected:
+            at = None if other == self.correction else first(in_a_row(seen.residual(other) <= self._noise_rad))
+            if at is not None:
+                steps.append(Step(at, other))
+        if rival is not None:
+            at = first(in_a_row((seen.residual(rival) <= self._noise_rad) & ~seen.free))
+            if at is not None:
+                steps.append(Step(at, self.correction, self.fitted, gives_up=VTOL_VIEW))
+        if self._open & VTOL_VIEW and not self.fitted:
+            turn, fits = turn_about(seen.apart(NOTHING), _Y_AXIS, self._noise_rad)
+            at = first(fits & (seen.free | (not self.settled)) & told.allows_view(turn))
+            if at is not None:
+                steps.append(Step(at, Correction(view_rad=float(turn[at - n])), VTOL_VIEW))
+        if self._open & PITCH_TRIM:
+            base = self._expected[0]._replace(pitch_rad=0.0)
+            turn, fits = turn_about(seen.apart(base), pitch_axis(seen, base), NOISE_RAD)
+            pitch = seen.rpy_rad[:, 1]
+            moved = np.zeros(len(pitch), np.bool_)
+            moved[2:] = np.abs(pitch[2:] - pitch[:-2]) > PITCH_MOVED_RAD
+            told_apart = moved & ~in_a_row(like_mount(seen, turn))
+            at = first(fits & (told_apart | (not self.settled and not self.fitted)) & (np.abs(turn) <= _MOST_PITCH_RAD))
+            if at is not None:
+                steps.append(Step(at, base._replace(pitch_rad=float(turn[at - n])), PITCH_TRIM))
+        if self._open & AHRS_TRIM:
+            steps += self._trims(seen, denials, min((step.at for step in steps), default=n))
+        if self.fitted and not self.proven:
+            steps.append(Step(int(hot.argmax()), self._expected[0], gives_up=self.fitted))
+        return min(steps, key=lambda step: step.at, default=None)
+
+    def keep(self, pairs: Pairs, step: Step | None) -> Correction:
+        """Remember the first of the pairs that were scanned; the last of them has made the step.
+
+        Returns the correction that is dropped, if no pairs ever confirmed it.
+        """
+        if not len(pairs):
+            return NOTHING
+        denials, agreements = (counts[: len(pairs)] for counts in self._scanned)
+        self.settled |= bool(self._settling(pairs, agreements).any())
+        self._denials, self._agreements = int(denials[-1]), int(agreements[-1])
+        self._confirmed |= bool((agreements >= IN_A_ROW).any())
+        self._test(pairs.part(denials == 0))
+        seen = self._recent.then(pairs)
+        self._sparse = self._sparse.then(seen.part(self._one_a_second(seen))).part(slice(-_RECENT, None))
+        self._recent = seen.part(slice(-_RECENT, None))
+        if step is None or step.correction == self.correction:
+            return NOTHING
+        dropped = NOTHING if self._confirmed or self.fitted else self.correction
+        self._hold(step)
+        self._test(self._recent.part(slice(-IN_A_ROW, None)))
+        return dropped
+
+    def alternatives(self) -> list[str]:
+        """What else the pairs may be, instead of what was fitted to them."""
+        if self.fitted & VTOL_VIEW:
+            return [] if self.proven else ["mount_offset"]
+        return ["mount_offset"] * self.like_mount + ["pitch_sign"] * self.like_sign
+
+    def _test(self, good: Pairs) -> None:
+        """Learn from pairs that confirm a pitch trim what else it could be."""
+        if not self.fitted & PITCH_TRIM or not len(good):
+            return
+        trim, pitch = self.correction.pitch_rad, good.rpy_rad[:, 1]
+        self.like_mount &= bool(like_mount(good, trim).all())
+        self.like_sign &= bool(like_sign(good, trim).all())
+        self._pitch_range = (
+            min(self._pitch_range[0], float(pitch.min())),
+            max(self._pitch_range[1], float(pitch.max())),
+        )
+        moved = self._pitch_range[1] - self._pitch_range[0] > PITCH_MOVED_RAD
+        self.proven |= moved and not self.like_mount
+
+    def _hold(self, step: Step) -> None:
+        self.correction, self.fitted = step.correction, step.fitted
+        self.proven = step.fitted == AHRS_TRIM
+        self.like_mount = self.like_sign = bool(step.fitted & PITCH_TRIM)
+        self._pitch_range = (math.inf, -math.inf)
+        self.settled |= bool(step.gives_up)  # what deceived once has to be told apart the next time
+        self._denials = self._agreements = 0
+        self._confirmed = False
+
+    def _denied(self, pairs: Pairs) -> Mask:
+        return pairs.residual(self.correction) > TOLD_APART * self._noise_rad
+
+    def _settling(self, pairs: Pairs, agreements: Int64s) -> Mask:
+        settling = agreements >= IN_A_ROW
+        return settling & ~pairs.free if self._comes_and_goes else settling
+
+    def _learns(self, pairs: Pairs, denials: Int64s, agreements: Int64s) -> Iterator[int]:
+        """The first pairs that settle the view, and that prove its fit: what they make known holds behind them."""
+        if not self.settled and (settling := self._settling(pairs, agreements)).any():
+            yield int(settling.argmax())
+        if self.fitted & PITCH_TRIM and not self.proven:
+            pitch, good = pairs.rpy_rad[:, 1], denials == 0
+            low = np.minimum.accumulate(np.where(good, pitch, math.inf))
+            high = np.maximum.accumulate(np.where(good, pitch, -math.inf))
+            moved = np.maximum(high, self._pitch_range[1]) - np.minimum(low, self._pitch_range[0]) > PITCH_MOVED_RAD
+            banked = np.logical_or.accumulate(good & ~like_mount(pairs, self.correction.pitch_rad))
+            if (proves := moved & (banked | (not self.like_mount))).any():
+                yield int(proves.argmax())
+
+    def _one_a_second(self, seen: Pairs) -> Int64s:
+        """Places in `seen` of the first pair of each second, where it is new."""
+        before = len(self._recent)
+        return np.flatnonzero(np.diff(seen.t_us // _SPARSE_US, prepend=-1)[before:]) + before
+
+    def _trims(self, seen: Pairs, denials: Int64s, end: int) -> list[Step]:
+        """Fit AHRS_TRIM to the latest pairs; the first fit before pair `end`, if any.
+
+        While it fails it is tried a few times a second: the difference grows with the bank, slower than that.
+        """
+        before, old = len(seen) - len(denials), len(self._sparse)
+        both, pitch_rad = self._sparse.then(seen), self._expected[0].pitch_rad
+        rotvec = both.apart(Correction(pitch_rad))
+        begins = np.concatenate((np.arange(old), old + self._one_a_second(seen)))
+        due = np.isin(denials, _FIT_FIRST) | (np.diff(seen.t_us // _FIT_EVERY_US, prepend=0)[before:] != 0)
+        about_x, size = np.abs(rotvec[old + before :, 0]), np.sqrt((rotvec[old + before :] ** 2).sum(axis=1))
+        due &= (denials >= IN_A_ROW) & (about_x <= SECOND_ORDER * size + NOISE_RAD)
+        for at in np.flatnonzero(due[:end]).tolist():
+            to = old + before + at + 1
+            lengths = (_RECENT, _RECENT // 2, TRIM_PAIRS) if denials[at] < _RECENT else (_RECENT,)
+            windows = [np.arange(max(to - length, old), to) for length in lengths]
+            for window in (np.concatenate((begins[begins < to][-_RECENT:], windows[0])), *windows):
+                fitted = fit_trims(both.part(window), rotvec[window], pitch_rad)
+                if fitted is not None:
+                    return [Step(at, fitted, AHRS_TRIM)]
+        return []

@@ -1,0 +1,160 @@
+"""What one batch shows of a vehicle within one boot, ready to be judged: the one thing that every check is given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge.align import Pairs, Steps
+from gcs_bridge.liveness import Timeline, Turn
+from gcs_bridge.lookup import Track
+from gcs_bridge.samples import AttitudeSamples, ImuSamples
+from gcs_bridge.settings import GravitySettings
+from gcs_bridge.told import LandedSet, Latest, ModeSet, Told
+from gcs_bridge.vehicles import Inertial, Motion, Secondary
+
+Floats = npt.NDArray[np.float64]
+Int64s = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+ATTITUDE_WIDTH = 7  # q_nb (4), w_b (3)
+_FALLBACK_US = 1_000_000  # ATTITUDE stands in for ATTITUDE_QUATERNION after so long a silence of it
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One batch of one vehicle within one boot.
+
+    `euler`, `quaternion`: the samples that came, with the `ordinal` of each one's frame; the Euler angles with what the
+    firmware differs in on purpose undone. `pairs` of the two, completed by the frames `pair_ordinal`. `steps` of both
+    streams with the ordinals of their later samples. `attitude`: the one attitude that others are compared with, rows
+    of q_nb and body rates. `imu`: n samples of one inertial sensor; (n,) whether the vehicle `may_rest` then by what it
+    says itself, and whether it `stands` on the ground; `trim_b_rad` (n, 3) the turn from the body's axes to the
+    sensor's. `secondary`: of the second estimate. `turns`: what started, went stale or resumed; `line`: all timed
+    messages, with the vehicle's frames `lost` and `received` by each. `told`: what the
+    vehicle said of itself.
+    """
+
+    euler: AttitudeSamples
+    euler_ordinal: Int64s
+    quaternion: AttitudeSamples
+    quaternion_ordinal: Int64s
+    pairs: Pairs
+    pair_ordinal: Int64s
+    steps: tuple[Steps, Steps]
+    step_ordinal: tuple[Int64s, Int64s]
+    attitude: Track
+    imu: Inertial | None
+    may_rest: Mask
+    stands: Mask
+    trim_b_rad: Floats
+    secondary: Secondary
+    fixed_wing: bool
+    turns: list[Turn]
+    line: Timeline
+    lost: Int64s
+    received: Int64s
+    told: list[Told]
+
+
+class OneAttitude:
+    """Chooses one attitude from the two streams: the quaternion, and the Euler angles while it does not come."""
+
+    def __init__(self) -> None:
+        """Start before a boot's first sample."""
+        self._quaternion_us = -_FALLBACK_US
+
+    def take(
+        self, euler: AttitudeSamples, euler_ordinal: Int64s, quaternion: AttitudeSamples, quaternion_ordinal: Int64s
+    ) -> Track:
+        """The chosen samples, valid ones only, in order of arrival."""
+        heard_us = np.concatenate(([self._quaternion_us], quaternion.t_boot_us[quaternion.valid]))
+        heard_us = np.maximum.accumulate(heard_us)
+        self._quaternion_us = int(heard_us[-1])
+        before = np.searchsorted(quaternion_ordinal[quaternion.valid], euler_ordinal)
+        stands_in = euler.valid & (euler.t_boot_us - heard_us[before] >= _FALLBACK_US)
+        tracks = []
+        for samples, ordinal, chosen in (
+            (euler, euler_ordinal, stands_in),
+            (quaternion, quaternion_ordinal, quaternion.valid),
+        ):
+            rows = np.hstack((samples.q_nb[chosen], samples.w_nb_b_rad_s[chosen]))
+            tracks.append(Track(samples.t_boot_us[chosen], ordinal[chosen], rows))
+        both = tracks[0].then(tracks[1])
+        return both[np.argsort(both.ordinal, kind="stable")]
+
+
+class OneImu:
+    """Chooses one inertial sensor: the best that was heard so far, within one boot."""
+
+    def __init__(self) -> None:
+        """Start with none heard."""
+        self._best = len(_SENSORS)
+
+    def take(self, imu: Mapping[str, Inertial]) -> Inertial | None:
+        """The samples of the chosen sensor, up to where a better one is heard: from there on, that one's."""
+        parts: list[Inertial] = []
+        until = np.iinfo(np.int64).max
+        for rank, name in enumerate(_SENSORS[: self._best + 1]):
+            if name in imu:
+                samples, ordinal = imu[name]
+                rows = ordinal < until
+                if rows.any():
+                    parts.append(Inertial(samples[rows], ordinal[rows]))
+                    until = int(ordinal[0])
+                    self._best = min(self._best, rank)
+        if len(parts) < 2:
+            return parts[0] if parts else None
+        joined = ImuSamples.joined([part.samples for part in parts])
+        ordinals = np.concatenate([part.ordinal for part in parts])
+        order = np.argsort(ordinals, kind="stable")
+        return Inertial(joined[order], ordinals[order])
+
+
+_SENSORS = ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")  # best first
+
+
+class Stillness:
+    """Where a vehicle may be at rest by what it says itself: disarmed, landed or not accelerating."""
+
+    def __init__(self, settings: GravitySettings) -> None:
+        """Start with nothing told."""
+        self._settings = settings
+        self._armed, self._landed, self._acceleration = Latest(), Latest(), Latest()
+
+    def told(self, told: list[Told], motion: Motion) -> None:
+        """Take what the vehicle said in this batch."""
+        for latest, values in (
+            (self._armed, [(say.ordinal, float(say.armed)) for say in told if isinstance(say, ModeSet)]),
+            (
+                self._landed,
+                [
+                    (say.ordinal, np.nan if say.landed is None else float(say.landed))
+                    for say in told
+                    if isinstance(say, LandedSet)
+                ],
+            ),
+        ):
+            if values:
+                latest.put(np.array([at for at, _ in values]), np.array([value for _, value in values]))
+        self._acceleration.put(motion.ordinal, motion.acceleration_m_s2)
+
+    def forget(self, ordinal: int) -> None:
+        """Nothing will be asked about frames before this one."""
+        for latest in (self._armed, self._landed, self._acceleration):
+            latest.forget(ordinal)
+
+    def at(self, ordinals: Int64s) -> tuple[Mask, Mask]:
+        """Whether it may rest, and whether it stands on the ground, at the frames `ordinals` (n,).
+
+        Something must say so, or nothing be known at all. In a steady climb it rests by this, and does not stand.
+        """
+        armed, landed = self._armed.at(ordinals), self._landed.at(ordinals)
+        acceleration = self._acceleration.at(ordinals)
+        unknown = np.isnan(armed) & np.isnan(landed)
+        stands = (armed == 0) | (landed == 1)
+        rests = stands | (acceleration < self._settings.still_below_m_s2)
+        return rests | (unknown & np.isnan(acceleration)), stands | unknown

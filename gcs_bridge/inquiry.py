@@ -1,0 +1,172 @@
+"""Keeps what a vehicle sent lately, and asks the convention doctor about every disagreement that becomes an alarm.
+
+The first answer comes with the alarm; better ones as the disagreement goes on, when it has lasted twice as long as at
+the one before. Each rests on the frames up to its own, however the input was cut.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge.align import Pairs
+from gcs_bridge.diagnosis import Window, diagnose
+from gcs_bridge.expected import Corrected
+from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples, no_attitudes
+from gcs_bridge.settings import Settings
+
+Floats = npt.NDArray[np.float64]
+Int64s = npt.NDArray[np.int64]
+
+_KEPT_US = 30_000_000  # without a disagreement: what an onset may reach back, and clean data before it
+_LONGEST_US = 40_000_000  # of a disagreement: more data tells no more
+_FIRST_AGAIN_US = 2_000_000
+_CLEAN_US = 10_000_000
+_CLEAN_PAIRS = 5
+_CLEAN_RAD = math.radians(0.003)
+_RESET_NEAR_US = 2_000_000
+_RESETS_KEPT_US = 120_000_000
+
+
+@dataclass(frozen=True)
+class Sent:
+    """What one batch brought of both streams within a boot: as sent, what was expected, and the pairs' angles."""
+
+    euler: AttitudeSamples
+    euler_ordinal: Int64s
+    corrected: Corrected
+    quaternion: AttitudeSamples
+    quaternion_ordinal: Int64s
+    pairs: Pairs
+    pair_ordinal: Int64s
+    angle_rad: Floats
+
+    @cached_property
+    def latest_us(self) -> int:
+        """The latest time of any sample in it."""
+        return max((int(of.t_boot_us.max()) for of in (self.euler, self.quaternion) if len(of)), default=-1)
+
+
+class Answer(NamedTuple):
+    """A diagnosis, known with the frame `ordinal` at `t_boot_us`."""
+
+    ordinal: int
+    t_boot_us: int
+    entry: dict[str, Any] | None
+
+
+@dataclass
+class _Case:
+    """One disagreement that is being followed: since when, and when it is asked about again."""
+
+    onset_us: int
+    again_us: int
+    until_us: int
+
+
+class Inquiry:
+    """Of one vehicle within one boot; alarms are known by any name."""
+
+    def __init__(self, settings: Settings) -> None:
+        """Start with nothing sent."""
+        self._settings = settings
+        self._kept: deque[Sent] = deque()
+        self._latest_us = -1
+        self._cases: dict[str, _Case] = {}
+        self._resets: list[tuple[int, int]] = []  # ordinal and boot time; the last few
+
+    def keep(self, sent: Sent) -> None:
+        """Remember a batch; forget what no disagreement needs any more."""
+        self._kept.append(sent)
+        self._latest_us = max(self._latest_us, sent.latest_us)
+        needed_us = min((case.onset_us - _CLEAN_US for case in self._cases.values()), default=self._latest_us)
+        while self._kept and self._kept[0].latest_us < min(self._latest_us - _KEPT_US, needed_us):
+            self._kept.popleft()
+
+    def reset_at(self, ordinal: int, t_boot_us: int) -> None:
+        """The estimator was reset, as the frame `ordinal` showed."""
+        self._resets.append((ordinal, t_boot_us))
+        latest_us = max(at_us for _, at_us in self._resets)
+        self._resets = [one for one in self._resets if one[1] >= latest_us - _RESETS_KEPT_US]
+
+    def open(self, name: str, onset_us: int) -> None:
+        """An alarm was raised about a disagreement that began at `onset_us`."""
+        self._cases[name] = _Case(onset_us, onset_us + _FIRST_AGAIN_US, onset_us + _LONGEST_US)
+
+    def close(self, name: str) -> None:
+        """The alarm has gone."""
+        self._cases.pop(name, None)
+
+    def again(self, name: str, until_ordinal: int | None = None) -> Iterator[tuple[int, int]]:
+        """Ordinal and time of the frames of the last batch at which an alarm is to be asked about again."""
+        case = self._cases.get(name)
+        if case is None or not self._kept:
+            return
+        pairs, ordinals = self._kept[-1].pairs, self._kept[-1].pair_ordinal
+        latest = np.maximum.accumulate(pairs.t_boot_us)
+        while case.again_us <= case.until_us:
+            row = int(np.searchsorted(latest, case.again_us))
+            if row == len(latest) or (until_ordinal is not None and ordinals[row] >= until_ordinal):
+                return
+            case.again_us = case.onset_us + 2 * (case.again_us - case.onset_us)
+            yield int(ordinals[row]), int(latest[row])
+
+    def ask(self, name: str, ordinal: int, t_boot_us: int, autopilot: str, vehicle_type: str) -> Answer:
+        """What explains the disagreement, by all that came up to the frame `ordinal`."""
+        case = self._cases[name]
+        window = self._window(case, ordinal, autopilot, vehicle_type)
+        found = diagnose(window, self._settings.alignment)
+        return Answer(ordinal, t_boot_us, None if found is None else found.entry())
+
+    def _window(self, case: _Case, ordinal: int, autopilot: str, vehicle_type: str) -> Window:
+        until_us = case.onset_us + _LONGEST_US
+        euler, quaternion = [no_attitudes(ATTITUDE)], [no_attitudes(ATTITUDE_QUATERNION)]
+        origin: list[tuple[int, Int64s]] = []  # of the Euler samples: the batch kept, and their rows in it
+        for index, sent in enumerate(self._kept):
+            for parts, samples, ordinals in (
+                (euler, sent.euler, sent.euler_ordinal),
+                (quaternion, sent.quaternion, sent.quaternion_ordinal),
+            ):
+                inside = (samples.t_boot_us >= case.onset_us) & (samples.t_boot_us <= until_us) & (ordinals <= ordinal)
+                rows = np.flatnonzero(inside)
+                parts.append(samples[rows])
+                if parts is euler:
+                    origin.append((index, rows))
+        batch = np.concatenate([np.full(len(rows), index) for index, rows in origin])
+        row = np.concatenate([rows for _, rows in origin])
+        kept = list(self._kept)
+
+        def attitude_of(rpy_rad: Floats, asked: Int64s) -> Floats:
+            q_nb = np.empty((len(rpy_rad), 4))
+            for index in np.unique(batch[asked]).tolist():
+                mine = np.flatnonzero(batch[asked] == index)
+                q_nb[mine] = kept[index].corrected.undo(rpy_rad[mine], row[asked][mine])
+            return q_nb
+
+        return Window(
+            euler=AttitudeSamples.joined(euler),
+            quaternion=AttitudeSamples.joined(quaternion),
+            attitude_of=attitude_of,
+            clean_before=self._clean_before(case.onset_us),
+            reset=any(known <= ordinal and abs(t_us - case.onset_us) < _RESET_NEAR_US for known, t_us in self._resets),
+            autopilot=autopilot,
+            type=vehicle_type,
+        )
+
+    def _clean_before(self, onset_us: int) -> bool:
+        """Whether both forms agreed to the noise floor for some time before."""
+        angles = []
+        for sent in self._kept:
+            t_us = sent.pairs.t_boot_us
+            before = sent.pairs.same_instant & (t_us < onset_us) & (t_us >= onset_us - _CLEAN_US)
+            angles.append(sent.angle_rad[before])
+        known = np.concatenate(angles) if angles else np.empty(0)
+        return len(known) >= _CLEAN_PAIRS and float(np.median(known)) < _CLEAN_RAD
+

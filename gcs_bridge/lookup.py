@@ -1,0 +1,111 @@
+"""Finds, for the samples of one stream, their neighbours in time in another, on both sides and as they come.
+
+A query is answered by the first sample at or behind its time, so an answer rests on what had arrived by then and never
+on how the streams were cut into batches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Int64s = npt.NDArray[np.int64]
+
+_LATE_US = 1_000_000  # a query this much older than the series, when it comes, is not answered
+_PENDING = 1024  # queries that can wait
+
+
+@dataclass(frozen=True)
+class Track:
+    """n samples in order of arrival: `t_us` (n,), `ordinal` (n,) of their frames, `rows` (n, k) what they hold."""
+
+    t_us: Int64s
+    ordinal: Int64s
+    rows: Floats
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    def __getitem__(self, picked: Any) -> Track:
+        """The samples of a slice, mask or index array."""
+        return Track(self.t_us[picked], self.ordinal[picked], self.rows[picked])
+
+    def then(self, other: Track) -> Track:
+        """These samples, and `other` behind them."""
+        return Track(
+            np.concatenate((self.t_us, other.t_us)),
+            np.concatenate((self.ordinal, other.ordinal)),
+            np.concatenate((self.rows, other.rows)),
+        )
+
+
+def no_track(width: int) -> Track:
+    """A track without samples, with rows of `width`."""
+    return Track(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, width)))
+
+
+class Answers(NamedTuple):
+    """n answered queries, in the order in which they were: `query`, and the neighbours `before` and `after` it.
+
+    A sample at the query's very time is the one after; where nothing is near before it, it is both. `ordinal` (n,) is
+    of the frame that completed each.
+    """
+
+    query: Track
+    before: Track
+    after: Track
+    ordinal: Int64s
+
+    @property
+    def place(self) -> Floats:
+        """Where between its neighbours each query lies (n,): 0 at the one before, 1 at the one behind."""
+        gap_us = self.after.t_us - self.before.t_us
+        return np.asarray((self.query.t_us - self.before.t_us) / np.maximum(gap_us, 1))  # both the same: 0
+
+    @property
+    def gap_s(self) -> Floats:
+        """From neighbour to neighbour (n,), s."""
+        return np.asarray((self.after.t_us - self.before.t_us) * 1e-6)
+
+
+class Lookup:
+    """Answers the queries of one stream by the samples of another, within one boot."""
+
+    def __init__(self, query_width: int, series_width: int, max_gap_us: int) -> None:
+        """Start before the first sample; neighbours further apart than `max_gap_us` are none."""
+        self._max_gap_us = max_gap_us
+        self._series = no_track(series_width)
+        self._pending = no_track(query_width)
+
+    def feed(self, series: Track, queries: Track) -> Answers:
+        """Take what came of both streams; return the queries that can be answered now."""
+        past = int(self._series.t_us[-1]) if len(self._series) else -1
+        latest = np.maximum.accumulate(np.concatenate(([past], series.t_us)))
+        held = self._series.then(series[series.t_us > latest[:-1]])  # what comes late is nobody's neighbour
+        at_arrival = np.searchsorted(held.ordinal, queries.ordinal) - 1
+        known = at_arrival >= 0
+        on_time = ~known
+        on_time[known] = held.t_us[at_arrival[known]] - queries.t_us[known] <= _LATE_US
+        waiting = self._pending.then(queries[on_time])
+        behind = np.searchsorted(held.t_us, waiting.t_us)
+        reached = behind < len(held)
+        self._pending = waiting[~reached][-_PENDING:]
+        waiting, behind = waiting[reached], behind[reached]
+        before = np.maximum(behind - 1, 0)
+        near = (held.t_us[behind] - held.t_us[before] <= self._max_gap_us) & (behind > 0)
+        exact = held.t_us[behind] == waiting.t_us
+        before[exact & ~near] = behind[exact & ~near]
+        answered = near | exact
+        ordinal = np.maximum(waiting.ordinal, held.ordinal[behind])
+        order = np.flatnonzero(answered)
+        order = order[np.lexsort((waiting.ordinal[order], ordinal[order]))]
+        found = Answers(waiting[order], held[before[order]], held[behind[order]], ordinal[order])
+        if len(held):
+            keep_us = held.t_us[-1] - _LATE_US - self._max_gap_us
+            kept = min(int(np.searchsorted(held.t_us, keep_us)), len(held) - 1)
+            self._series = held[kept:]
+        return found
