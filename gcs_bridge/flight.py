@@ -53,6 +53,7 @@ class Flight:
     trim_b_rad: Floats
     secondary: Secondary
     fixed_wing: bool
+    ardupilot: bool
     turns: list[Turn]
     line: Timeline
     lost: Int64s

@@ -24,6 +24,7 @@ from gcs_bridge.settings import Settings
 
 Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 _KEPT_US = 30_000_000  # without a disagreement: what an onset may reach back, and clean data before it
 _LONGEST_US = 40_000_000  # of a disagreement: more data tells no more
@@ -37,7 +38,10 @@ _RESETS_KEPT_US = 120_000_000
 
 @dataclass(frozen=True)
 class Sent:
-    """What one batch brought of both streams within a boot: as sent, what was expected, and the pairs' angles."""
+    """What one batch brought of both streams within a boot.
+
+    The samples as sent, with what was expected of them; the pairs with their angles, and which are above their limit.
+    """
 
     euler: AttitudeSamples
     euler_ordinal: Int64s
@@ -47,6 +51,7 @@ class Sent:
     pairs: Pairs
     pair_ordinal: Int64s
     angle_rad: Floats
+    bad: Mask
 
     @cached_property
     def latest_us(self) -> int:
@@ -96,9 +101,12 @@ class Inquiry:
         latest_us = max(at_us for _, at_us in self._resets)
         self._resets = [one for one in self._resets if one[1] >= latest_us - _RESETS_KEPT_US]
 
-    def open(self, name: str, onset_us: int) -> None:
-        """An alarm was raised about a disagreement that began at `onset_us`."""
-        self._cases[name] = _Case(onset_us, onset_us + _FIRST_AGAIN_US, onset_us + _LONGEST_US)
+    def open(self, name: str, onset_us: int, raised_us: int) -> None:
+        """An alarm was raised, at `raised_us`, about a disagreement that began at `onset_us`."""
+        after_us = _FIRST_AGAIN_US
+        while onset_us + after_us <= raised_us:
+            after_us *= 2
+        self._cases[name] = _Case(onset_us, onset_us + after_us, onset_us + _LONGEST_US)
 
     def close(self, name: str) -> None:
         """The alarm has gone."""
@@ -126,7 +134,7 @@ class Inquiry:
         return Answer(ordinal, t_boot_us, None if found is None else found.entry())
 
     def _window(self, case: _Case, ordinal: int, autopilot: str, vehicle_type: str) -> Window:
-        until_us = case.onset_us + _LONGEST_US
+        until_us = min(case.onset_us + _LONGEST_US, self._last_bad_us(case.onset_us, ordinal))
         euler, quaternion = [no_attitudes(ATTITUDE)], [no_attitudes(ATTITUDE_QUATERNION)]
         origin: list[tuple[int, Int64s]] = []  # of the Euler samples: the batch kept, and their rows in it
         for index, sent in enumerate(self._kept):
@@ -160,6 +168,14 @@ class Inquiry:
             type=vehicle_type,
         )
 
+    def _last_bad_us(self, onset_us: int, ordinal: int) -> int:
+        """When both last disagreed, as of a frame: what came behind is no part of the disagreement."""
+        bad_us = [
+            sent.pairs.t_boot_us[sent.bad & (sent.pair_ordinal <= ordinal) & (sent.pairs.t_boot_us >= onset_us)]
+            for sent in self._kept
+        ]
+        return max((int(times.max()) for times in bad_us if len(times)), default=onset_us + _LONGEST_US)
+
     def _clean_before(self, onset_us: int) -> bool:
         """Whether both forms agreed to the noise floor for some time before."""
         angles = []
@@ -169,4 +185,3 @@ class Inquiry:
             angles.append(sent.angle_rad[before])
         known = np.concatenate(angles) if angles else np.empty(0)
         return len(known) >= _CLEAN_PAIRS and float(np.median(known)) < _CLEAN_RAD
-

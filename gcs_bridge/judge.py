@@ -139,7 +139,7 @@ class VehicleJudge:
 
     def take(self, batch: VehicleBatch, ordinals: Int64s, link: LinkClock) -> Iterator[Notice]:
         """Judge what a batch brought in the frames `ordinals`; yield what happened, each with its frame."""
-        self._heard.put(ordinals, link.latest_rx_us[ordinals - link.ordinal[0]].astype(np.float64))
+        self._heard.put(batch.heard, link.latest_rx_us[batch.heard - link.ordinal[0]].astype(np.float64))
         for name, t_rx_us in batch.counted.items():
             self._stream(name).add(t_rx_us)
         self._hear(batch, link)
@@ -289,6 +289,7 @@ class VehicleJudge:
             self._trim_at(imu.ordinal) if imu is not None else np.empty((0, 3)),
             secondary,
             self._fixed_wing,
+            self.autopilot == "ardupilot",
             turns,
             line,
             segment.lost,
@@ -304,7 +305,17 @@ class VehicleJudge:
         found = self._euler_quaternion.found
         assert found is not None
         boot.inquiry.keep(
-            Sent(sent, at[0], corrected, segment.quaternion, at[1], aligned.pairs, flight.pair_ordinal, found.angle)
+            Sent(
+                sent,
+                at[0],
+                corrected,
+                segment.quaternion,
+                at[1],
+                aligned.pairs,
+                flight.pair_ordinal,
+                found.angle,
+                found.judged & (found.angle > found.limit),
+            )
         )
         told_of = [*self.desk.feed(ratings, [*signals, *broken], link, lambda moment: self._ask(boot, moment, link))]
         for name in list(boot.asked):
@@ -327,7 +338,7 @@ class VehicleJudge:
                 settings = self._settings.euler_quaternion
                 onset_us -= round((settings.mean_window_s + settings.mean_hold_s) * 1e6)
             boot.asked[name] = moment.record
-            boot.inquiry.open(name, onset_us)
+            boot.inquiry.open(name, onset_us, moment.t_boot_us)
             yield from self._answer(boot, name, moment.ordinal, moment.t_boot_us, link)
         elif name in boot.asked:
             for ordinal, t_boot_us in boot.inquiry.again(name, moment.ordinal):

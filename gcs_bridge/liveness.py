@@ -17,7 +17,7 @@ from gcs_bridge.settings import StreamSettings
 Int64s = npt.NDArray[np.int64]
 
 # No timed message at all for so long, although the vehicle may be heard: a rebooting autopilot speaks again before.
-LONG_SILENCE_US = 10_000_000
+LONG_SILENCE_US = 30_000_000
 OTHER = 2  # a timed message that is neither of the two attitude streams
 
 
@@ -168,17 +168,20 @@ class Liveness:
         silence_us = link.latest_rx_us[since:until] - self._latest_rx_us
         if not len(silence_us) or silence_us[-1] <= self._shortest_us:
             return
+        found: list[Turn] = []
         for k, stream in enumerate(self.streams):
             long = np.flatnonzero(silence_us > LONG_SILENCE_US)
             if stream.seen and len(long) and not stream.silence_told:
                 stream.silence_told = True
-                yield Turn(int(link.ordinal[since + long[0]]), k, "silent", self._latest_us, 0, LONG_SILENCE_US)
+                at = int(link.ordinal[since + long[0]])
+                found.append(Turn(at, k, "silent", self._latest_us, 0, LONG_SILENCE_US))
             allowed_us = self._deadline_us(stream.rx_period_us if stream.rx_period_us >= 0 else stream.period_us)
             passed = np.flatnonzero(silence_us > allowed_us)
             if stream.alive and len(passed):
                 at_us = max(stream.last_us + self._deadline_us(stream.period_us), self._latest_us)
                 ago_us = int(silence_us[passed[0]]) - allowed_us
-                yield from self._stale(k, at_us, int(link.ordinal[since + passed[0]]), ago_us)
+                found += self._stale(k, at_us, int(link.ordinal[since + passed[0]]), ago_us)
+        yield from sorted(found, key=lambda turn: turn.ordinal)
 
     def _nothing_new(self, line: Timeline) -> bool:
         """Whether no stream can start, resume or go stale with these messages: the common case, told at once."""

@@ -129,10 +129,11 @@ class Motion(NamedTuple):
 class VehicleBatch:
     """What one batch brought of one vehicle: its boots in turn, clock changes, what it said of itself.
 
-    `counted` holds the receive times, µs, of messages without a boot time of their own; `imu` and `secondary` what
-    these carry.
+    `heard` are the ordinals of its frames in the window. `counted` holds the receive times, µs, of messages without a
+    boot time of their own; `imu` and `secondary` what these carry.
     """
 
+    heard: Int64s
     segments: list[Segment]
     clock_changes: list[ClockNotice]
     counted: dict[str, Int64s]
@@ -295,7 +296,7 @@ class VehicleReader:
         secondary = self._read_secondary(buffer, frames, ordinals, in_window, known)
         told = self._read_told(buffer, frames, ordinals)
         motion = self._read_motion(buffer, frames, ordinals)
-        return VehicleBatch(segments, changes, counted, imu, secondary, told, motion)
+        return VehicleBatch(ordinals[in_window], segments, changes, counted, imu, secondary, told, motion)
 
     def _read_timed(self, buffer: Bytes, frames: Frames, ordinals: Int64s, in_window: Mask) -> _Timed:
         rows_of = [self._rows(frames, name) for name in TIMED]

@@ -2,6 +2,11 @@
 
 from typing import Any
 
+CHECKS = [
+    *("euler_quaternion", "quaternion_norm", "body_rates", "kinematics", "gyro", "gravity", "mag_heading"),
+    *("secondary_estimate", "stream"),
+]
+
 SALVAGE = {
     "frames": 30241,
     "bad_crc": 0,

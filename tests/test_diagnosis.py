@@ -157,6 +157,26 @@ def test_values(tmp_path: Path, fault: str, value: tuple[float, ...]) -> None:
     np.testing.assert_allclose(seen, value, atol=2.0 if fault == "time_skew" else 0.2)
 
 
+def test_a_turned_quaternion_that_is_interpolated(tmp_path: Path) -> None:
+    """Its rates are not turned: 37° of mount offset are found to 0.2° at 10 against 50 Hz and never one instant."""
+    path = injected(tmp_path, "b2_mixed_rates", "mount_offset:30,-20,10")
+    found = told(diagnose(window(path)))
+    assert (found.causes, found.confidence) == (("mount_offset",), "certain")
+    np.testing.assert_allclose(found.values[0], (30, -20, 10), atol=0.2)
+
+
+def test_outliers_have_no_say() -> None:
+    """With 6 % of the window healthy, as where an onset is seen too early, 12° of yaw are still 12.0°."""
+    motion = Motion(20.0, seed=8)
+    t_s = np.arange(0.0, 20.0, 0.04)
+    true = motion.rotation(t_s)
+    sent = wxyz(Rotation.from_euler("z", 12, degrees=True) * true)
+    sent[:30] = wxyz(true)[:30]
+    found = told(diagnose(made(t_s, true, motion.rates(t_s), wxyz=sent)))
+    assert (found.causes, found.confidence) == (("yaw_offset",), "certain")
+    assert found.values[0][0] == pytest.approx(12, abs=0.02)
+
+
 TWO = [
     ("time_skew:80", "yaw_offset:-7"),
     ("quaternion_conjugate", "time_skew:-120"),
@@ -258,10 +278,27 @@ def test_three_mistakes_are_unknown() -> None:
     assert found.cause == "unknown"
 
 
+HARDEST = ("p_px4_quad_square", *RATES["10 and 4 Hz"])  # no two samples at one instant, at the lowest rates
+
+
 def test_two_offsets_are_not_taken_for_one(tmp_path: Path) -> None:
     """A yaw and a mount offset together are no single one, though at 10 and 4 Hz one would leave only 0.3°."""
-    path = injected(tmp_path, "p_px4_quad_square", *RATES["10 and 4 Hz"], "yaw_offset:12", "mount_offset:0,4,0")
-    assert told(diagnose(window(path, from_s=35.0))).cause == "unknown"
+    path = injected(tmp_path, *HARDEST, "yaw_offset:12", "mount_offset:0,4,0")
+    assert told(diagnose(window(path, from_s=36.0, to_s=41.0))).cause == "unknown"
+
+
+def test_wide_bounds_hide_no_second_mistake(tmp_path: Path) -> None:
+    """World ENU alone leaves 0.2° at 10 and 4 Hz; with the lag that is there too, far less: both are named."""
+    path = injected(tmp_path, *HARDEST, "world_enu", "time_skew:40")
+    found = told(diagnose(window(path, from_s=31.6)))
+    assert (set(found.causes), found.confidence) == ({"world_enu", "time_skew"}, "certain")
+
+
+def test_one_mistake_that_barely_explains_stands_beside_two(tmp_path: Path) -> None:
+    """ENU, RFU and a turned yaw are nearly a swap of roll and pitch: within the bounds both are candidates."""
+    path = injected(tmp_path, "b_copter_acro", *RATES["10 and 4 Hz"], "yaw_sign", "enu_rfu")
+    found = told(diagnose(window(path, from_s=196.0)))
+    assert {"yaw_sign", "enu_rfu"} in [set(candidate.split("+")) for candidate in found.candidates]
 
 
 # --- what the motion cannot tell -------------------------------------------------------------------------------------
@@ -363,6 +400,31 @@ def test_what_explains_no_better_than_nothing_is_no_candidate(tmp_path: Path) ->
     assert told(diagnose(window(path, from_s=105.2, to_s=108.2))).candidates == ("mount_offset",)
 
 
+def test_a_constant_heading_cannot_tell_the_world_from_the_body() -> None:
+    """With the nose east, a world that is tilted about north is a body tilted about its y, however it pitches."""
+    t_s, true, rates = turning(np.full(250, 90.0), pitch_deg=10 * np.sin(np.linspace(0, 9, 250)))
+    tilted = Rotation.from_euler("x", 4, degrees=True) * true
+    of = made(t_s, true, rates, wxyz=wxyz(tilted))
+    found = told(diagnose(of))
+    assert set(found.candidates) == {"mount_offset", "world_offset"}
+    for candidate in found.candidates:
+        assert oracle.leaves_deg(sent_of(of), candidate) < 0.1
+    assert "Yaw by" in found.fix
+
+
+def test_six_samples_are_no_constant(tmp_path: Path) -> None:
+    """At 4 Hz an alarm rests on six pairs: too few to name a constant by, and the fix says so."""
+    path = injected(tmp_path, "b_copter_acro", "thin:ATTITUDE=4", "thin:ATTITUDE_QUATERNION=4", "yaw_offset:12")
+    found = told(diagnose(window(path, from_s=190.0, to_s=191.4)))
+    assert (found.cause, found.fix) == ("unknown", "Too little data yet to tell.")
+
+
+def test_wide_bounds_excuse_no_half_degree(tmp_path: Path) -> None:
+    """1° of yaw in acro, never at one instant: a mount offset would leave 0.5°, and is no candidate."""
+    path = injected(tmp_path, "b2_mixed_rates", "yaw_offset:1")
+    assert told(diagnose(window(path, from_s=105.0))).candidates == ("yaw_offset",)
+
+
 def test_too_short_to_be_certain(tmp_path: Path) -> None:
     """Within a second, or without a change of rate, a constant is at most probable."""
     path = injected(tmp_path, "b_copter_acro", "yaw_offset:12", from_s=20.0)
@@ -416,6 +478,7 @@ def test_which_message_is_at_fault() -> None:
     turned = true * Rotation.from_euler("y", 20, degrees=True)
     assert told(diagnose(made(t_s, true, rates, wxyz=wxyz(turned)))).side == 31
     assert told(diagnose(made(t_s, true, rates, rpy=rpy(turned)))).side == 30
+    assert told(diagnose(made(t_s, true, 0.5 * rates, wxyz=wxyz(turned)))).side is None  # rates that deny both
     north = Rotation.from_euler("z", 12, degrees=True) * true
     assert told(diagnose(made(t_s, true, rates, wxyz=wxyz(north)))).side is None
 

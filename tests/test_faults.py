@@ -166,6 +166,28 @@ def test_every_cause_raises_an_alarm_in_acro(cause: str) -> None:
     assert first["diagnosis"]["cause"] == cause
 
 
+@pytest.mark.parametrize("from_s", [0.0, 12.0])
+@pytest.mark.parametrize(
+    ("name", "fault", "peak"),
+    [
+        ("d_plane_pitchtrim3", "yaw_offset:5", 5.0),
+        ("k16_plane_trim_changes", "yaw_offset:5", 5.0),
+        ("d_tailsitter", "quaternion_conjugate", None),
+        ("k16_plane_trim_changes", "mount_offset:0,90,0", 90.0),  # a plane that is no tailsitter
+        ("k4_quadplane", "mount_offset:0,3,0", 3.0),
+        ("k1_copter_trim", "mount_offset:0,3,0", 3.0),
+    ],
+)
+def test_a_fault_on_top_of_what_is_expected(name: str, fault: str, peak: float | None, from_s: float) -> None:
+    """A trim or a view explains itself alone: a fault beside it is an alarm, soon and in its own size."""
+    data = falsified(name, fault, from_s=from_s)
+    starts_s = next(m.time_boot_ms for _, _, m in messages(data) if m is not None) / 1000
+    alarms = of_the_two_forms(judged(data)[1])
+    assert -0.1 <= alarms[0]["raised_boot_s"] - starts_s - from_s <= 6
+    if peak is not None:  # where the trim has to be fitted first, it may be in it
+        assert max(alarm["peak"] for alarm in alarms) == pytest.approx(peak, abs=0.1 if from_s else 3.1)
+
+
 def test_a_quaternion_s_norm_is_no_disagreement() -> None:
     """A quaternion 1.05 times too long is the same rotation: quaternion_norm's alarm, and no other check's."""
     vehicle = judged(falsified("b_copter_acro", "quaternion_unnormalised", from_s=10.0))[1]

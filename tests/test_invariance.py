@@ -96,7 +96,7 @@ def _reordered() -> list[tuple[int, bytes]]:
 
 def _two_fall_silent() -> list[tuple[int, bytes]]:
     flown = [
-        r for sysid, compid in ((1, 1), (2, 0)) for r in wire.flight(wire.Motion(8), 6, sysid=sysid, compid=compid)
+        r for sysid, compid in ((1, 1), (2, 0)) for r in wire.flight(wire.Motion(6), 4, sysid=sysid, compid=compid)
     ]
     beats = [
         (wire.START_US + s * 1_000_000, wire.heartbeat(autopilot=8, vehicle=6, sysid=255, compid=190, seq=s))
@@ -106,14 +106,14 @@ def _two_fall_silent() -> list[tuple[int, bytes]]:
 
 
 def _clock_steps() -> list[tuple[int, bytes]]:
-    return wire.flight(wire.Motion(8), 6) + wire.flight(
-        wire.Motion(8, seed=1), 6, boot_ms=116_000, start_us=wire.START_US + 6_000_000
+    return wire.flight(wire.Motion(6), 4) + wire.flight(
+        wire.Motion(6, seed=1), 4, boot_ms=114_000, start_us=wire.START_US + 4_000_000
     )
 
 
 def _restart_after_a_silence() -> list[tuple[int, bytes]]:
-    return wire.flight(wire.Motion(8), 6) + wire.flight(
-        wire.Motion(8, seed=1), 6, boot_ms=500, start_us=wire.START_US + 15_000_000
+    return wire.flight(wire.Motion(6), 4) + wire.flight(
+        wire.Motion(6, seed=1), 4, boot_ms=500, start_us=wire.START_US + 15_000_000
     )
 
 
@@ -129,7 +129,7 @@ def _companion_behind_its_attitudes() -> list[tuple[int, bytes]]:
 
 
 def _wrapped_clock() -> list[tuple[int, bytes]]:
-    return wire.flight(wire.Motion(12), 10, boot_ms=2**32 - 5000)
+    return wire.flight(wire.Motion(8), 6, boot_ms=2**32 - 3000)
 
 
 @pytest.mark.parametrize(
@@ -186,11 +186,11 @@ def test_cut_anywhere_without_times() -> None:
     assert alarm == timed_alarm | {"raised_utc": None}
 
 
-@pytest.mark.parametrize("datagrams", [False, True])
 @pytest.mark.parametrize(
-    ("name", "begin", "end"),
-    [("d_plane_pitchtrim3", 0, 1000), ("e_two_vehicles", 0, 2000), ("f_reboot", 800, 2000), ("g_signed", 0, 800),
-     ("k5_three_vehicles", 0, 1500), ("k8_stream_stops", 2600, 3300), ("b2_mixed_rates", 0, 1000)],
+    ("name", "begin", "end", "datagrams"),
+    [("d_plane_pitchtrim3", 0, 800, True), ("e_two_vehicles", 0, 1500, True), ("f_reboot", 800, 2000, True),
+     ("k5_three_vehicles", 0, 1500, True), ("k8_stream_stops", 2600, 3300, True), ("g_signed", 0, 800, False),
+     ("b2_mixed_rates", 0, 1000, False), ("k12_yaw_reset", 1000, 1700, False)],
 )  # fmt: skip
 def test_live_as_recorded(name: str, begin: int, end: int, datagrams: bool) -> None:
     """Frames that come one by one over a link, as a stream or as datagrams, are judged as their recording is."""
@@ -208,7 +208,7 @@ def test_live_with_damage_is_as_recorded() -> None:
     """A link that corrupts bytes raises the same alarm, with the same peak, as the stream's recording."""
     faults = [parse_fault("yaw_offset:25"), parse_fault("loss:0.1")]
     data = inject(recording("c_copter_4hz"), faults, from_s=10.0)
-    frames = list(records(data))[:2500]
+    frames = list(records(data))[900:2000]
     chance = np.random.default_rng(1)
     damaged = [
         (t_us, frame if chance.random() > 0.05 else frame[:9] + bytes([frame[9] ^ 0x55]) + frame[10:])

@@ -78,6 +78,7 @@ def searched(heard: Sequence[Heard]) -> list[tuple[int, int, int, int]]:
         ([("s", 0), ("q", 5), ("s", S + 1)], []),  # neighbours too far apart
         ([("s", 0), ("q", 5), ("s", S)], [(1, 0, 2, 2)]),
         ([("s", 0), ("s", 10), ("s", 5), ("q", 7)], [(3, 0, 1, 3)]),  # a late sample is no neighbour
+        ([("s", 0), ("s", 5), ("s", 5), ("q", 7), ("s", 9)], [(3, 1, 4, 4)]),  # nor is one of the same time
         ([("s", 0), ("s", 500_000), ("s", S + 500_000), ("q", 499_999)], []),  # a query later than 1 s
         ([("s", 0), ("s", 500_000), ("s", S + 500_000), ("q", 500_000)], [(3, 0, 1, 3)]),
         ([("s", 0), ("q", 8), ("q", 3), ("s", 5), ("s", 9)], [(2, 0, 3, 3), (1, 3, 4, 4)]),  # as they are completed

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import wire
 from pymavlink.dialects.v20 import all as mavlink
+from report_entries import CHECKS
 from scipy.spatial.transform import Rotation
 
 from gcs_bridge import Monitor
@@ -32,10 +33,6 @@ ALARM_KEYS = {  # the contract's, and what an alarm says besides
     *("id", "check", "severity", "boot", "raised_boot_s", "cleared_boot_s", "raised_utc", "unit", "peak", "tilt"),
     *("heading", "rotvec_body", "diagnosis", "what", "is_not", "axis", "repeats", "grouped", "acknowledged"),
 }
-CHECKS = [
-    *("euler_quaternion", "quaternion_norm", "body_rates", "kinematics", "gyro", "gravity", "mag_heading"),
-    *("secondary_estimate", "stream"),
-]
 LEVEL = (0.0, 0.0, 0.0)
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 BOOT_S = 10.0  # the boot clock at START_US in wire.flight

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
+from report_entries import CHECKS
 from scipy.spatial.transform import Rotation
 from wire import records
 
@@ -22,10 +23,6 @@ ALL = sorted(path.stem for path in SITL.glob("*.tlog"))
 DAMAGED = {"h_lossy_dirty"}
 WHOLE = [name for name in ALL if name not in DAMAGED]
 PAIR = ("ATTITUDE", "ATTITUDE_QUATERNION")
-CHECKS = [
-    *("euler_quaternion", "quaternion_norm", "body_rates", "kinematics", "gyro", "gravity", "mag_heading"),
-    *("secondary_estimate", "stream"),
-]
 IMU = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU")
 
 Json = dict[str, Any]

@@ -25,7 +25,7 @@ from gcs_bridge.resources import demo_recording
 from gcs_bridge.viewer.processes import free_port
 
 FAULT, FROM_S = "yaw_offset:25", 30.0
-SHOWN_AT_BOOT_S = 71.6  # in the first turn of the square, banked
+SHOWN_AT_BOOT_S = 76.4  # between two turns of the square, nose to the west
 SIZE = "1600x1000"
 MOST_BYTES = 400_000
 _PATIENCE_S = 30.0

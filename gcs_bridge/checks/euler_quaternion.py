@@ -23,6 +23,7 @@ from gcs_bridge.settings import AlarmSettings, EulerQuaternionSettings
 from gcs_bridge.statistics import Quantiles
 
 Floats = npt.NDArray[np.float64]
+Int64s = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 
@@ -103,6 +104,8 @@ class EulerQuaternion(Check):
     def _start_mean(self) -> None:
         self._sums = SlidingSums(self._settings.mean_window_s, 8)
         self._latest_us = -1
+        self._first_us: int | None = None
+        self._bad_us = self._onset_us = -_CALM_US
 
     def judge(self, flight: Flight) -> Iterator[Ratings]:
         """Compare the pairs, and rate those that count."""
@@ -121,6 +124,7 @@ class EulerQuaternion(Check):
         self.raw.add(raw[found.judged])
         self.tilt.add(found.tilt[found.judged])
         self.heading.add(np.abs(found.heading[found.judged]))
+        found.counted[self._withheld(flight, found)] = False
         rows = np.flatnonzero(found.counted)
         angle, limit = found.angle[rows], found.limit[rows]
         detail = np.column_stack((found.tilt, found.heading, found.rotvec_body))[rows]
@@ -129,6 +133,33 @@ class EulerQuaternion(Check):
         t_us, ordinal = pairs.t_boot_us[rows], flight.pair_ordinal[rows]
         yield Ratings("pairs", rated(t_us, ordinal, angle, limit, self._delays, detail))
         yield from self._mean(flight, found)
+
+    def _withheld(self, flight: Flight, found: Disagreement) -> Int64s:
+        """Pairs that disagree as a firmware may on purpose, while that could still be found out.
+
+        What a firmware does is told by parameters and modes, or fitted to some pairs: both take a moment. For so long
+        after its onset a disagreement has no vote if it is a turn about the body's y axis on an ArduPlane (a trim, a
+        view), or, in the first seconds of a boot, no larger than AHRS_TRIM could make it at this tilt.
+        """
+        t_us = flight.pairs.t_boot_us
+        if self._first_us is None:
+            self._first_us = int(t_us[0])
+        bad = np.flatnonzero(found.counted & (found.angle > found.limit))
+        if not flight.ardupilot or not len(bad):
+            return bad[:0]
+        at_us = np.maximum.accumulate(np.concatenate(([self._bad_us], t_us[bad])))
+        fresh = np.diff(at_us) > _CALM_US
+        onset_us = np.maximum.accumulate(np.concatenate(([self._onset_us], np.where(fresh, at_us[1:], -1))))[1:]
+        self._bad_us, self._onset_us = int(at_us[-1]), int(onset_us[-1])
+        turn = found.rotvec_body[bad]
+        about_y = np.hypot(turn[:, 0], turn[:, 2]) <= _OFF_AXIS * found.angle[bad] + found.limit[bad]
+        q_nb = flight.pairs.q_quaternion[bad]
+        tilt = np.arccos(np.clip(attitude.body_down(q_nb)[:, 2], -1.0, 1.0))
+        by_trim = found.angle[bad] <= 2.0 * np.sin(tilt / 2.0) * _MOST_TRIM_RAD + found.limit[bad]
+        starting = at_us[1:] - self._first_us < _START_US
+        slow = flight.pairs.stands_for_us[bad] >= _SLOW_US
+        young = at_us[1:] - onset_us < np.where(slow, _HELD_SLOW_US, _HELD_US)
+        return np.asarray(bad[young & ((about_y & flight.fixed_wing) | (by_trim & starting))])
 
     def _mean(self, flight: Flight, found: Disagreement) -> Iterator[Ratings]:
         """The mean turn of the last seconds' good pairs, in world and body axes: noise averages out, offsets don't."""
@@ -181,6 +212,12 @@ class EulerQuaternion(Check):
         return super().numbers() | parts
 
 
+_CALM_US = 5_000_000  # without a bad pair, before the next one is a new onset
+_HELD_US, _HELD_SLOW_US = 3_000_000, 6_000_000  # how long a disagreement may be withheld; for pairs that come slowly
+_SLOW_US = 400_000
+_START_US = 10_000_000
+_OFF_AXIS = 0.05  # share of a turn that may be about other axes
+_MOST_TRIM_RAD = math.radians(10.0)
 _WEIGHT_FLOOR_RAD = math.radians(0.05)
 _GREATEST_RATE_RAD_S = 100.0  # what is more is damage
 _LEAST_RATE_RAD_S = math.radians(2.0)  # root mean square, below which no lag shows

@@ -23,7 +23,6 @@ Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
 
 _MAX_GAP_US = 1_000_000
-_WRAP_RAD_S = 65.536  # an int16 of mrad/s starts anew beyond 32.767 rad/s
 _BLOCK_US = 10_000_000  # after so long, the lag between the clocks is estimated anew
 _LEAST_CHANGE_RAD_S2 = math.radians(20.0)  # on average, before a lag can be told
 _LONGEST_LAG_S = 0.1
@@ -110,7 +109,8 @@ class Gyro(Check):
             queries = Track(samples.t_boot_us, flight.imu.ordinal, samples.w_b_rad_s)[usable]
         found = self._lookup.feed(flight.attitude, queries)
         before, after, u = found.before.rows[:, 4:], found.after.rows[:, 4:], found.place[:, None]
-        # Beyond what gyros can measure, they teach nothing of their bias either.
+        # Beyond what gyros can measure, and where the int16 of the wire starts anew (32.767 rad/s), they tell nothing,
+        # of their bias neither.
         fast = np.maximum(length(before), length(after)) >= self._settings.usable_below_rad_s
         told = self._turning.told_by_rates(before, after, found.gap_s)
         reported = before.any(axis=1) & after.any(axis=1) & finite(before + after) & ~fast & told
@@ -118,8 +118,6 @@ class Gyro(Check):
         before, after, u = before[reported], after[reported], u[reported]
         measured, rates = found.query.rows[reported], before + u * (after - before)
         difference = measured - rates
-        # The int16 of the wire starts anew beyond its range: what is off by its whole range is no fault of the gyro.
-        difference -= _WRAP_RAD_S * np.rint(difference / _WRAP_RAD_S)
         change = (after - before) / np.maximum(found.gap_s[reported], 1e-3)[:, None]
         rest = np.empty_like(difference)
         follow_bias(found_t, difference, change, self._settings.bias_time_s, _BLOCK_US, self._state, rest)

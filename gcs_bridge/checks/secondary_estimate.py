@@ -61,7 +61,7 @@ class SecondaryEstimate(Check):
     """The check over one vehicle."""
 
     name: ClassVar[str] = "secondary_estimate"
-    is_not: ClassVar[str] = "not a mistake of encoding: one of two estimators is wrong, and it may be the second"
+    is_not: ClassVar[str] = "not one form against the other: one of two estimates is wrong, and it may be the second"
     agrees: ClassVar[str] = "both estimates agree in quiet flight"
 
     def __init__(self, settings: SecondaryEstimateSettings, delays: AlarmSettings) -> None:

@@ -30,6 +30,7 @@ _LEAST_WINDOWS = 3
 _HEARD_US = 1_000_000  # of the time between two of the vehicle's messages, what it counts as heard
 _LOSS_MESSAGES = 256  # timed messages over which the loss is taken
 _NEVER = 1e-7  # probability with which a silence is by chance
+_MOST_PERIODS = 20.0  # that a silence needs, however much was lost
 _TRANSFER_HZ = 2.0
 _TRANSFER = 3  # parameters in one window: ArduPilot slows its streams while it sends them
 
@@ -261,7 +262,8 @@ class StreamCheck(Check):
         missing, came = lost[row] - lost[since], received[row] - received[since]
         self._frames = lost[-_LOSS_MESSAGES:], received[-_LOSS_MESSAGES:]
         share = np.clip(missing / np.maximum(missing + came, 1), 1e-3, 0.9)
-        return np.asarray(np.maximum(self._settings.stale_periods, np.log(_NEVER) / np.log(share)))
+        periods = np.minimum(np.log(_NEVER) / np.log(share), _MOST_PERIODS)
+        return np.asarray(np.maximum(self._settings.stale_periods, periods))
 
     def why_not(self) -> str:
         """Why nothing was judged."""

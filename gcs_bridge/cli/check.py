@@ -153,7 +153,8 @@ def _evidence(recording: Path, folder: Folder, count: int, left_out: int) -> str
     """What there is evidence of, in one line."""
     if not count:
         earlier = f"; what lies in {folder.path} is of an earlier run" if folder.is_there else ""
-        return f"{recording}: nothing was raised, so there is no evidence of it{earlier}"
+        why = f"no room for {left_out} alarms or warnings" if left_out else "nothing was raised"
+        return f"{recording}: {why}, so there is no evidence of it{earlier}"
     more = f"; {left_out} more are left out" if left_out else ""
     return f"{recording}: evidence of {count} alarm{'' if count == 1 else 's'} or warnings in {folder.path}{more}"
 

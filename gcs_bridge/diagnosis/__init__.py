@@ -30,7 +30,6 @@ _LEAST_S = 1.0  # of data, before a constant or a lag is certain
 _RATE_CHANGES_RAD_S = math.radians(2.0)
 _LEAST_TURNING = 5  # pairs at another rate than the usual one
 _NORM_OFF = 1e-3  # floats are within 2e-7 of norm 1
-_PROBABLE_RAD, _PROBABLE_RATIO = math.radians(1.5), 10.0
 _PLANES = {"fixed_wing", "vtol_fixedrotor", "vtol_tailsitter", "vtol_tiltrotor"}
 
 
@@ -104,9 +103,7 @@ def _diagnosed(window: Window, alignment: AlignmentSettings) -> Diagnosis | None
     verdict = case.decide(plane=window.autopilot == "ardupilot" and window.type in _PLANES)
     if verdict.found:
         return _explained(case, verdict, off_norm)
-    if case.enough and _stands_out(verdict):
-        return _probable(case, verdict, off_norm)
-    return _unknown(case, verdict)
+    return _unknown(case, verdict.next_best())
 
 
 def _explained(case: Case, verdict: Verdict, off_norm: Mistakes) -> Diagnosis:
@@ -145,36 +142,12 @@ def _is_certain(case: Case, hypothesis: Hypothesis) -> bool:
     return bool(t_s[-1] - t_s[0] >= _LEAST_S and (spread > _RATE_CHANGES_RAD_S).sum() >= _LEAST_TURNING)
 
 
-def _stands_out(verdict: Verdict) -> bool:
-    """Whether one leaves little and all others much more, though too much to be explained."""
-    following = verdict.next_best()
-    if following is None:
-        return False
-    best_rad = verdict.tried[0].median_rad
-    return best_rad < _PROBABLE_RAD and following.median_rad > _PROBABLE_RATIO * best_rad
-
-
-def _probable(case: Case, verdict: Verdict, off_norm: Mistakes) -> Diagnosis:
-    best = verdict.tried[0]
-    first = Hypothesis((*best.hypothesis.mistakes, *off_norm))
-    return _named(
-        first,
-        "probable",
-        side=at_fault(case.pairing, first),
-        residual_rad=best.median_rad,
-        next_best_rad=_left(verdict.next_best()),
-        fix=f"Probably, though it leaves {math.degrees(best.median_rad):.2g}°: {words.advice(first)}",
-    )
-
-
-def _unknown(case: Case, verdict: Verdict) -> Diagnosis:
-    shape, fix, nearest_rad = words.shape(case.pairing, case.as_sent), "Too little data yet to tell.", None
-    if case.enough and verdict.tried:
-        nearest = verdict.tried[0]
-        nearest_rad = nearest.median_rad
+def _unknown(case: Case, nearest: Tried | None) -> Diagnosis:
+    shape, fix = words.shape(case.pairing, case.as_sent), "Too little data yet to tell."
+    if case.enough and nearest is not None:
         fix = (
             f"{CAUSES['unknown'].fix} It is {shape}; the nearest mistake, {nearest.hypothesis.name}, leaves "
-            f"{math.degrees(nearest_rad):.2g}°."
+            f"{math.degrees(nearest.median_rad):.2g}°."
         )
     return Diagnosis(
         causes=("unknown",),
@@ -182,7 +155,7 @@ def _unknown(case: Case, verdict: Verdict) -> Diagnosis:
         confidence="unknown",
         side=at_fault(case.pairing, NO_MISTAKE),
         residual_deg=math.degrees(case.median_rad),
-        next_best_deg=None if nearest_rad is None else math.degrees(nearest_rad),
+        next_best_deg=None if nearest is None else math.degrees(nearest.median_rad),
         shape=shape,
         fix=fix,
     )

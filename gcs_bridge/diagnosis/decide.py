@@ -38,7 +38,6 @@ _BETTER = 0.5  # a hypothesis scores below this share of what no mistake at all 
 _BAD_PAIRS = 3  # as many as the alarm asks for
 _SOME, _FEW = 240, 80  # pairs to screen and fit by, and to search by
 _LEAST, _LEAST_FITTED, _LEAST_TWO = 5, 8, 20  # pairs to decide by: no number, one mistake with numbers, two mistakes
-_USABLE_RAD = np.radians(1.0)  # a pair with a larger bound tells nothing
 _NEAR_RAD = np.radians(3.0)  # a lag not yet refined leaves no more
 _ABOUT_ONE, _ABOUT_ANY = (fits.YAW, *fits.MOUNT_ABOUT_ONE), (fits.MOUNT, fits.WORLD)
 _BAD_RAD = np.radians(0.5)  # beyond the bound: a pair disagrees as sent
@@ -62,9 +61,9 @@ class Verdict(NamedTuple):
     tried: list[Tried]
 
     def next_best(self) -> Tried | None:
-        """What leaves least of all that is not the same as something found."""
-        known = [one.hypothesis for one in self.found or self.tried[:1]]
-        return next((one for one in self.tried if not any(_covers(one.hypothesis, of) for of in known)), None)
+        """What leaves least beside what was found: neither the same nor a mistake that has it as a special case."""
+        found = [one.hypothesis for one in self.found]
+        return next((one for one in self.tried if not any(_covers(one.hypothesis, of) for of in found)), None)
 
 
 class Case:
@@ -98,7 +97,7 @@ class Case:
     @property
     def enough(self) -> bool:
         """Whether two mistakes could be told, or that it is none of the known ones."""
-        return int((self.as_sent.bound_rad <= _USABLE_RAD).sum()) >= _LEAST_TWO
+        return int(np.isfinite(self.as_sent.bound_rad).sum()) >= _LEAST_TWO
 
     def decide(self, *, plane: bool) -> Verdict:
         """Try what is simple first; what is less so only where that explains nothing."""
@@ -188,15 +187,13 @@ class Case:
     def _rated(self, hypotheses: Sequence[Hypothesis], pairing: Pairing, found: Comparison) -> list[Tried]:
         residual, bound = found.residual_rad, found.bound_rad
         known = np.isfinite(residual) & np.isfinite(bound)
-        usable = known & (bound <= _USABLE_RAD)
-        # What is sharp must be explained, what disagreed as sent, and what is not sharp must not deny it.
-        sets = (known, usable, usable & np.isin(pairing.sample, self._bad_samples))
+        sets = (known, known & np.isin(pairing.sample, self._bad_samples))
         scaled = residual / fits.scale_rad(bound)
         floored = residual / (self._floor_rad + 3.0 * bound)
         median, p90 = (_worst(scaled, sets, share) for share in (0.5, 0.9))
         score = _worst(floored, sets, 0.9)
         left = _quantile(residual, known, 0.5)
-        enough = usable.sum(axis=1) >= [_least_pairs(hypothesis) for hypothesis in hypotheses]
+        enough = known.sum(axis=1) >= [_least_pairs(hypothesis) for hypothesis in hypotheses]
         return [
             Tried(
                 hypothesis,
@@ -260,13 +257,11 @@ def _covers(one: Hypothesis, other: Hypothesis) -> bool:
 
 
 def _spread(bad: Mask, count: int) -> Int64s:
-    """Places of `count` pairs, half of them among those that disagree, each half evenly chosen."""
+    """Places of at most `count` pairs: half of them evenly chosen, half evenly among those that disagree as sent."""
+    every = np.arange(len(bad))
     if len(bad) <= count:
-        return np.arange(len(bad))
-    rows, good = np.flatnonzero(bad), np.flatnonzero(~bad)
-    n_bad = min(len(rows), max(count // 2, count - len(good)))
-    chosen = [_evenly(rows, n_bad), _evenly(good, count - n_bad)]
-    return np.sort(np.concatenate(chosen))
+        return every
+    return np.union1d(_evenly(every, count // 2), _evenly(np.flatnonzero(bad), count // 2))
 
 
 def _evenly(rows: Int64s, count: int) -> Int64s:

@@ -18,7 +18,7 @@ Mask = npt.NDArray[np.bool_]
 
 MAX_SKEW_S = 0.6
 _SKEW_STEP_S = 0.02
-_REWEIGHTED = 2
+_REWEIGHTED, _REFINED = 2, 4  # times; it stands still sooner where there is one lag
 _NOISE_RAD = np.radians(0.05)  # of a pair at one instant, for the weights
 
 
@@ -165,7 +165,7 @@ def skew_by_attitude(pairing: Pairing, alignment: AlignmentSettings, base: Hypot
 
 def refined_skew(pairing: Pairing, alignment: AlignmentSettings, base: Hypothesis, skew_s: float) -> float:
     """A skew brought nearer by regression of what is left on the rates, until it stands still."""
-    for _ in range(6):
+    for _ in range(_REFINED):
         shifted, _ = set_back(pairing, np.array([skew_s]), alignment)
         if len(shifted) < 3:
             return skew_s

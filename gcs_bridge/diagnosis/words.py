@@ -58,12 +58,12 @@ class _Motion(NamedTuple):
         return self.yaw / 8.0 + (self.roll + self.pitch) / 2.0 + (2.0 if self.roll and self.pitch else 0.0)
 
 
-_LEANS_DEG = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0)
+_LEANS_DEG = (0.0, 2.0, 5.0, 10.0, 30.0)
 _MOTIONS = sorted(
-    itertools.starmap(_Motion, itertools.product((0.0, 5.0, 10.0, 20.0, 45.0, 90.0), _LEANS_DEG, _LEANS_DEG)),
+    itertools.starmap(_Motion, itertools.product((0.0, 5.0, 20.0, 45.0, 90.0), _LEANS_DEG, _LEANS_DEG)),
     key=lambda motion: motion.effort,
 )
-_TOLD_APART = 8  # hypotheses; of more the motion has shown next to nothing
+_TOLD_APART = 5  # hypotheses; of more the motion has shown next to nothing
 _TELLS_DEG = 1.0  # a disagreement that any stage of this program sees, and twice what a wrong fit may hide
 
 
@@ -126,7 +126,8 @@ def shape(pairing: Pairing, found: Comparison) -> str:
         return "near the poles, beyond 75° of pitch"
     fast = w > np.quantile(w, 0.75)
     slow = w < np.quantile(w, 0.25)
-    if math.degrees(float(np.ptp(w))) > 5.0 and np.median(residual[fast]) > 4.0 * np.median(residual[slow]):
+    both = fast.any() and slow.any() and math.degrees(float(np.ptp(w))) > 5.0
+    if both and np.median(residual[fast]) > 4.0 * np.median(residual[slow]):
         return "in turns, growing with the rate"
     return "irregular"
 

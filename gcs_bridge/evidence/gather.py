@@ -28,8 +28,6 @@ from gcs_bridge.viewer.moment import save_moment
 
 __all__ = ["Evidence"]
 
-_MOST = 100  # alarms of a recording: more are told apart from a few, and not looked at
-
 
 @dataclass(frozen=True)
 class _Written:
@@ -51,7 +49,6 @@ class Evidence:
 
     def __init__(self, recording: Path, folder: Folder, dialect: str) -> None:
         """Start with nothing gathered, and touch nothing before the first alarm."""
-        self.left_out = 0  # alarms beyond those that are kept
         self._recording = recording
         self._folder = folder
         self._dialect = dialect
@@ -72,13 +69,17 @@ class Evidence:
         """Take the events of a piece, and write the moments that are over."""
         self._write(self._moments.take(events))
 
+    @property
+    def left_out(self) -> int:
+        """Alarms without evidence, as there were too many."""
+        return self._folder.left_out + self._moments.missed
+
     def complete(self, entry: Mapping[str, Any]) -> int:
         """The recording is judged: write what is left; how many alarms there is evidence of. UsageError: it cannot be.
 
         `entry` is the recording's in the report.
         """
         self._write(self._moments.finish())
-        self.left_out += self._moments.missed
         if not self._written:
             return 0
         with _writing(self._folder.path):
@@ -91,11 +92,10 @@ class Evidence:
 
     def _write(self, moments: list[Moment]) -> None:
         for moment in moments:
-            if len(self._written) == _MOST:
-                self.left_out += 1
-                continue
             with _writing(self._folder.path):
                 path = self._folder.new(moment.alarm["id"])
+                if path is None:
+                    continue
                 tables = tables_of(moment)
                 for name, table in tables.items():
                     _save(table, path / f"{name}.parquet")

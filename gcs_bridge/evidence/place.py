@@ -12,6 +12,8 @@ from gcs_bridge.errors import UsageError
 
 __all__ = ["INDEX", "Folder", "Place"]
 
+_MOST = 100  # alarms of a recording: more are told apart from a few, and not looked at
+_MOST_OF_ALL = 500  # of a run: writing an .rrd costs 3 MB of memory for good (rerun 0.41)
 INDEX = "evidence.json"  # what a folder holds; by it, one that may be replaced is known
 
 
@@ -21,6 +23,7 @@ class Place:
     def __init__(self, path: Path, recordings: Iterable[Path]) -> None:
         """Refuse now what could not be written later, and touch nothing; UsageError says why."""
         self._path = path
+        self._room = _MOST_OF_ALL
         self._folders = _folders(path, recordings)
         try:
             self._refuse()
@@ -29,7 +32,14 @@ class Place:
 
     def folder(self, recording: Path) -> Folder:
         """Where the evidence of one of the recordings goes."""
-        return Folder(self._folders[recording])
+        return Folder(self._folders[recording], self)
+
+    def take_room(self) -> bool:
+        """Whether there is room for one alarm more, which is taken then."""
+        if self._room:
+            self._room -= 1
+            return True
+        return False
 
     def _refuse(self) -> None:
         if str(self._path) != str(self._path).encode("utf-8", "replace").decode():
@@ -47,9 +57,12 @@ class Place:
 class Folder:
     """One recording's folder. It grows under another name, and replaces an earlier one as a whole."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, place: Place) -> None:
         """Touch nothing yet."""
         self.path = path
+        self.left_out = 0  # alarms for which there was no room
+        self._place = place
+        self._count = 0
         self._growing = path.with_name(f".{path.name}.{os.getpid()}.partial")
 
     @property
@@ -57,8 +70,12 @@ class Folder:
         """Whether there is evidence already: of an earlier run, or now complete."""
         return self.path.is_dir()
 
-    def new(self, name: str) -> Path:
-        """A new folder in it."""
+    def new(self, name: str) -> Path | None:
+        """A new folder in it for an alarm, None where there is no room left."""
+        if self._count == _MOST or not self._place.take_room():
+            self.left_out += 1
+            return None
+        self._count += 1
         path = self._growing / name
         path.mkdir(parents=True)
         return path

@@ -54,9 +54,11 @@ def _lines(
     yield ""
     yield "```sh"
     yield "rerun moment.rrd"
+    first = next(iter(rows))
+    yield f"python -c 'import pandas; print(pandas.read_parquet(\"{first}.parquet\"))'"
     if "pairs" in rows:
-        yield "duckdb -c \"SELECT t_boot_s, residual_deg FROM 'pairs.parquet' WHERE residual_deg > limit_deg\""
-    yield f"python -c \"import pandas; print(pandas.read_parquet('{next(iter(rows))}.parquet'))\""
+        query = r"SELECT t_boot_s, residual_deg FROM \"pairs.parquet\" WHERE residual_deg > limit_deg"
+        yield f"python -c 'import duckdb; print(duckdb.sql(\"{query}\"))'"
     yield "```"
 
 

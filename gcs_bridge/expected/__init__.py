@@ -7,7 +7,7 @@ GCS_MAVLINK_Plane::send_attitude, AP_AHRS_View::update and NavEKF3's getEulerAng
 - `pitch_trim`: ArduPlane subtracts PTCH_TRIM_DEG (older: TRIM_PITCH_CD) from pitch, unless FLIGHT_OPTIONS says no;
 - `vtol_view`: a plane that hovers shows a view of the body that is pitched by Q_TRIM_PITCH, and by 90° on tailsitters.
 
-The Euler angles of each sample are turned into the attitude that the quaternion ought to show. Three rules keep a fault
+The Euler angles of each sample are turned into the attitude that the quaternion ought to show. Four rules keep a fault
 from being explained away:
 
 1. Parameters and modes predict. What they predict counts from the frame that tells it. Pairs of one instant have the

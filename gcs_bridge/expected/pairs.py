@@ -24,7 +24,6 @@ Mask = npt.NDArray[np.bool_]
 NOISE_RAD = math.radians(1e-4)
 VIEW_NOISE_RAD = math.radians(0.05)  # hovering, AHRS_TRIM turns view and quaternion by two formulas: 0.035° at 2°
 TOLD_APART = 5.0  # noises by which an alternative must fail before it is ruled out
-PITCH_MOVED_RAD = 2.0 * TOLD_APART * NOISE_RAD  # so much, and a trim is no wrong sign
 IN_A_ROW = 3  # pairs that must fit, or deny
 
 SECOND_ORDER = 0.2  # of what AHRS_TRIM does, at 10°

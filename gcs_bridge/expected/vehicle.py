@@ -247,7 +247,7 @@ class Expected:
     def _scan(self, parts: list[Pairs]) -> list[Step | None]:
         """The first change that the pairs of each view make in it."""
         hover = self._views[HOVER]
-        rivals = (hover.correction if hover.fitted and not hover.proven else None, None)
+        rivals = (hover.correction if hover.fitted and not hover.switched else None, None)
         return [
             view.scan(part, self._told, rival) for view, part, rival in zip(self._views, parts, rivals, strict=True)
         ]
@@ -270,7 +270,7 @@ class Expected:
                 self._expect()
         forward, hover = self._views
         if hover.fitted and forward.settled and forward.correction != hover.correction:
-            hover.proven = True  # it was seen to go with the mode
+            hover.switched = True
 
     def _undo(self, euler: EulerRows, start: int) -> Iterator[tuple[Int64s, Floats, npt.NDArray[np.uint8], Correction]]:
         """Correct samples by the view that each one shows; yield as `_take` does, rows counted from `start`."""

@@ -14,7 +14,6 @@ from gcs_bridge.expected.pairs import (
     IN_A_ROW,
     NO_PAIRS,
     NOISE_RAD,
-    PITCH_MOVED_RAD,
     SECOND_ORDER,
     TOLD_APART,
     TRIM_PAIRS,
@@ -54,10 +53,12 @@ class View:
         """Start with nothing told; a view that comes and goes may be new wherever the views may change."""
         self.correction = NOTHING
         self.fitted = 0  # causes of it that were fitted
-        self.proven = False  # the motion has told the fit from a fault
+        self.proven = False  # the motion has told the fit from other forms: what denies it now is a fault beside it
+        self.switched = False  # a fitted view was seen to go with the mode
         self.like_mount = self.like_sign = False  # so far a fitted pitch trim may be one of these
         self.settled = False  # both forms agreed before: a new difference may be a fault
         self._noise_rad = noise_rad
+        self._pitch_moves_rad = 2.0 * TOLD_APART * noise_rad  # so much, and the fit is no wrong sign
         self._comes_and_goes = comes_and_goes
         self._pitch_range = (math.inf, -math.inf)
         self._confirmed = False  # some pairs agreed with the correction
@@ -132,7 +133,7 @@ class View:
             turn, fits = turn_about(seen.apart(base), pitch_axis(seen, base), NOISE_RAD)
             pitch = seen.rpy_rad[:, 1]
             moved = np.zeros(len(pitch), np.bool_)
-            moved[2:] = np.abs(pitch[2:] - pitch[:-2]) > PITCH_MOVED_RAD
+            moved[2:] = np.abs(pitch[2:] - pitch[:-2]) > self._pitch_moves_rad
             told_apart = moved & ~in_a_row(like_mount(seen, turn))
             at = first(fits & (told_apart | (not self.settled and not self.fitted)) & (np.abs(turn) <= _MOST_PITCH_RAD))
             if at is not None:
@@ -168,12 +169,12 @@ class View:
     def alternatives(self) -> list[str]:
         """What else the pairs may be, instead of what was fitted to them."""
         if self.fitted & VTOL_VIEW:
-            return [] if self.proven else ["mount_offset"]
+            return [] if self.switched else ["mount_offset"]
         return ["mount_offset"] * self.like_mount + ["pitch_sign"] * self.like_sign
 
     def _test(self, good: Pairs) -> None:
-        """Learn from pairs that confirm a pitch trim what else it could be."""
-        if not self.fitted & PITCH_TRIM or not len(good):
+        """Learn from pairs that confirm a fit what else it could be."""
+        if not self.fitted or not len(good):
             return
         trim, pitch = self.correction.pitch_rad, good.rpy_rad[:, 1]
         self.like_mount &= bool(like_mount(good, trim).all())
@@ -182,12 +183,12 @@ class View:
             min(self._pitch_range[0], float(pitch.min())),
             max(self._pitch_range[1], float(pitch.max())),
         )
-        moved = self._pitch_range[1] - self._pitch_range[0] > PITCH_MOVED_RAD
+        moved = self._pitch_range[1] - self._pitch_range[0] > self._pitch_moves_rad
         self.proven |= moved and not self.like_mount
 
     def _hold(self, step: Step) -> None:
         self.correction, self.fitted = step.correction, step.fitted
-        self.proven = step.fitted == AHRS_TRIM
+        self.proven, self.switched = step.fitted == AHRS_TRIM, False
         self.like_mount = self.like_sign = bool(step.fitted & PITCH_TRIM)
         self._pitch_range = (math.inf, -math.inf)
         self.settled |= bool(step.gives_up)  # what deceived once has to be told apart the next time
@@ -205,11 +206,13 @@ class View:
         """The first pairs that settle the view, and that prove its fit: what they make known holds behind them."""
         if not self.settled and (settling := self._settling(pairs, agreements)).any():
             yield int(settling.argmax())
-        if self.fitted & PITCH_TRIM and not self.proven:
+        if self.fitted and not self.proven:
             pitch, good = pairs.rpy_rad[:, 1], denials == 0
             low = np.minimum.accumulate(np.where(good, pitch, math.inf))
             high = np.maximum.accumulate(np.where(good, pitch, -math.inf))
-            moved = np.maximum(high, self._pitch_range[1]) - np.minimum(low, self._pitch_range[0]) > PITCH_MOVED_RAD
+            moved = (
+                np.maximum(high, self._pitch_range[1]) - np.minimum(low, self._pitch_range[0]) > self._pitch_moves_rad
+            )
             banked = np.logical_or.accumulate(good & ~like_mount(pairs, self.correction.pitch_rad))
             if (proves := moved & (banked | (not self.like_mount))).any():
                 yield int(proves.argmax())

@@ -106,9 +106,11 @@ def _findings(check: _Entry, detail: int) -> str:
     """What a check found; where it could not judge, why."""
     said = []
     unit = check["unit"]
+    quiet = check["verdict"] in ("agree", "explained") and detail <= 0
     if check["verdict"] not in UNJUDGED:
         if check["pairs"]:
-            said.append(_distribution(check["residual"], unit))
+            residual = {name: value for name, value in check["residual"].items() if name != "p95" or not quiet}
+            said.append(_distribution(residual, unit))
         if check["pairs"] is not None:
             same = "" if check["same_instant"] is None else f" ({check['same_instant']} at the same instant)"
             said.append(_count(check["pairs"], "pair") + same)
@@ -119,9 +121,10 @@ def _findings(check: _Entry, detail: int) -> str:
             said.append(f"raw {_distribution(check['raw'], unit)}")
         if detail > 0:
             said += [f"{part} {_distribution(check[part], unit)}" for part in ("tilt", "heading") if check[part]]
+            said.append(f"judged {_percent(check['coverage'])} of the time")
             if check["lag_ms"] is not None:
                 said.append(f"lag {_value(check['lag_ms'], 'ms')}")
-    reason = [one_line(check["reason"])] if check["reason"] else []
+    reason = [one_line(check["reason"])] if check["reason"] and not quiet else []
     return "; ".join([*map(_whole, said), *reason])
 
 

@@ -35,7 +35,7 @@ def layout(
     `at_end`: the cursor starts at the end, not at the beginning; a layout can say no more of it (rerun 0.41).
     """
     bodies = rrb.Spatial3DView(
-        name="Attitude: solid by quaternion, outline by Euler angles; magenta: accelerometer's down",
+        name="Solid: quaternion; outline, dashes: Euler angles; magenta: accelerometer's down",
         origin="/",
         contents=["+ /axes/**", *(f"+ /{path_of(key, 'body')}/**" for key in vehicles)],
         background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=(24, 28, 34)),

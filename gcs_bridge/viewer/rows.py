@@ -7,19 +7,22 @@ Times are kept as they came: each boot of a vehicle is a clock of its own, and s
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
+from gcs_bridge.events import Event
+from gcs_bridge.judge import Observation
 from gcs_bridge.viewer.scene import UTC, boot_timeline
 
-__all__ = ["Moment", "Rows", "Times"]
+__all__ = ["Moment", "Rows", "Times", "moment_of", "pair_times"]
 
 Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
+Texts = npt.NDArray[np.str_]
 
 
 class Moment(NamedTuple):
@@ -41,6 +44,9 @@ class Times:
     def __len__(self) -> int:
         return len(self.t_boot_us)
 
+    def __getitem__(self, rows: Int64s) -> Times:
+        return Times(self.boot, self.t_boot_us[rows], self.t_rx_us[rows])
+
     def moment(self, row: int) -> Moment:
         """When one of them was true."""
         return Moment(self.boot, int(self.t_boot_us[row]), int(self.t_rx_us[row]))
@@ -57,18 +63,21 @@ class Times:
 class Rows:
     """What is drawn at n times, by path.
 
-    `attitudes` (n, 4) as [x, y, z, w]; `numbers` (n,) or (n, series); `arrows` (n, 3) in their parent's axes.
+    `attitudes` (n, 4) as [x, y, z, w]; `numbers` (n,) or (n, series); `arrows` (n, 3) and the points of lines, `strips`
+    (n, points, 3), in their parent's axes; `labels` (n,) of the strips.
     """
 
     times: Times
     attitudes: Mapping[str, Floats] = field(default_factory=dict)
     numbers: Mapping[str, Floats] = field(default_factory=dict)
     arrows: Mapping[str, Floats] = field(default_factory=dict)
+    strips: Mapping[str, Floats] = field(default_factory=dict)
+    labels: Mapping[str, Texts] = field(default_factory=dict)
 
     @property
     def paths(self) -> tuple[str, ...]:
         """Where they are drawn."""
-        return (*self.attitudes, *self.numbers, *self.arrows)
+        return (*self.attitudes, *self.numbers, *self.arrows, *self.strips)
 
     @classmethod
     def joined(cls, parts: list[Rows]) -> Rows:
@@ -82,8 +91,11 @@ class Rows:
             np.concatenate([part.times.t_rx_us for part in parts]),
         )
         values = [
-            {path: np.concatenate([getattr(part, kind)[path] for part in parts]) for path in getattr(first, kind)}
-            for kind in ("attitudes", "numbers", "arrows")
+            {
+                path: np.concatenate([getattr(part, kind.name)[path] for part in parts])
+                for path in getattr(first, kind.name)
+            }
+            for kind in fields(cls)[1:]
         ]
         return cls(times, *values)
 
@@ -100,3 +112,21 @@ class Rows:
                 recording.send_columns(path, columns, rr.Scalars.columns(scalars=numbers[picked]))
             for path, vectors in self.arrows.items():
                 recording.send_columns(path, columns, rr.Arrows3D.columns(vectors=vectors[picked]))
+            for path, strips in self.strips.items():
+                labels = self.labels[path][picked]
+                recording.send_columns(
+                    path, columns, rr.LineStrips3D.columns(strips=list(strips[picked]), labels=labels)
+                )
+
+
+def moment_of(event: Event) -> Moment:
+    """When an event was."""
+    boot_s, utc = event["boot_s"], event["utc"]
+    received = -1 if utc is None else int(np.datetime64(utc.removesuffix("Z"), "us").astype(np.int64))
+    return Moment(event["boot"], None if boot_s is None else round(boot_s * 1e6), received)
+
+
+def pair_times(observation: Observation) -> Times:
+    """When each pair was true, and known: a pair is known when the sample comes that completes it."""
+    segment, pairs = observation.segment, observation.pairs
+    return Times(segment.boot, pairs.t_boot_us, segment.t_rx_us[segment.valid_attitude][pairs.trigger])

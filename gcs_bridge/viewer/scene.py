@@ -1,14 +1,19 @@
 """What is drawn: entity paths, and the parts that never change. Where on the screen, says `layout`.
 
-The world is north-east-down, Down drawn downwards. A vehicle is shown twice at one place: solid, as its quaternion
-says, and as an outline with thin, longer axes, as its Euler angles say. While both agree they are one figure; a
-disagreement is the angle that opens between them. Beside them hangs what the accelerometer takes for down.
+The world is north-east-down, Down drawn downwards. A vehicle is shown twice at one place, as it was sent: solid, as its
+quaternion says, and as an outline, as its Euler angles say. While both agree they are one figure. Where they disagree,
+the Euler angles' triad stands beside the solid one as a ghost of dashes, without what the firmware makes different on
+purpose; an arrow is the axis that the quaternion is turned about, and an arc the way. Once the mistake is known, a thin
+triad shows the faulty side without it: it falls onto the other. Beside all hangs what the accelerometer takes for down.
 
     /                              the world's coordinates
     axes                           north, east, down
     vehicle/1.1/body               the vehicle's place in the picture (no position is known)
     vehicle/1.1/body/quaternion    attitude by ATTITUDE_QUATERNION: parent from child, world from body
     vehicle/1.1/body/euler         attitude by ATTITUDE
+    vehicle/1.1/body/…/airframe    turned by ATTITUDE_QUATERNION's `repr_offset_q`, which is for displays alone
+    vehicle/1.1/body/apart/…       ghost, axis and arc (in north-east-down), while apart by more than the limit
+    vehicle/1.1/body/corrected     attitude without the mistake, once it is known and while its alarm stands
     vehicle/1.1/roll/euler …       roll, pitch, yaw of both, in degrees
     vehicle/1.1/disagreement       angle and limit, and the angle's parts tilt and heading, in degrees
     vehicle/1.1/state              Euler angles and quaternion are compared, or not; a check's warning or alarm
@@ -29,6 +34,8 @@ import rerun as rr
 __all__ = [
     "ANGLES",
     "APART_M",
+    "ARC_M",
+    "AXIS_M",
     "DISAGREEMENT",
     "DOWN_M",
     "GROUND_M",
@@ -38,6 +45,8 @@ __all__ = [
     "Part",
     "State",
     "boot_timeline",
+    "corrected_parts",
+    "ghost_parts",
     "motion_parts",
     "name_tag",
     "path_of",
@@ -57,6 +66,7 @@ ANGLES = ("roll", "pitch", "yaw")
 _RED, _GREEN, _BLUE = (230, 70, 60), (70, 200, 80), (70, 130, 255)
 _PALE = ((255, 165, 155), (165, 240, 165), (165, 200, 255))
 _QUATERNION, _EULER = (90, 200, 250), (255, 175, 60)
+_AXIS, _CORRECTED = (255, 240, 120), (150, 255, 110)
 _ACCELEROMETER, _BOUND = (235, 110, 235), (150, 150, 150)
 _STATES: dict[State, tuple[str, Colour]] = {
     "compared": ("compared", (67, 160, 71)),
@@ -84,8 +94,19 @@ _MOTION = {  # entity, its lines and their colours
 MOTION = tuple(_MOTION)
 
 APART_M = 3.2  # from one vehicle to the next, towards the east
+_TRIAD_M = (1.15, 1.0, 0.9)  # forward, right, down
+ARC_M = 0.95  # where the arc of a disagreement lies on the axes
+AXIS_M = 1.9  # the length of the arrow that it turns about
 DOWN_M = 1.15  # the length of the arrows that point down
 GROUND_M = 1.0  # the grid lies so far below the vehicles
+
+_CORRECTED_M = 1.55  # a triad that is to be seen wherever it falls onto another
+_DASHES_A_AXIS = 8
+_DASHES = [
+    (1.4 * length * (dash + 0.3) / _DASHES_A_AXIS * axis, 1.4 * length * (dash + 0.9) / _DASHES_A_AXIS * axis)
+    for length, axis in zip(_TRIAD_M, np.eye(3), strict=True)
+    for dash in range(_DASHES_A_AXIS)
+]
 
 # A paper plane in body axes (m): nose, left and right tail, notch, fin.
 _NOSE, _LEFT, _RIGHT, _NOTCH, _FIN = (0.8, 0, 0), (-0.6, -0.55, 0), (-0.6, 0.55, 0), (-0.4, 0, 0), (-0.65, 0, -0.35)
@@ -126,13 +147,11 @@ def vehicle_parts(key: Key, place: int) -> Iterator[Part]:
     corners = [corner for triangle in _TRIANGLES for corner in triangle]
     shades = [shade for shade in _SHADES for _ in range(3)]
     yield f"{solid}/airframe", rr.Mesh3D(vertex_positions=corners, vertex_colors=shades)
-    vectors = np.diag((1.15, 1.0, 0.9))
+    vectors = np.diag(_TRIAD_M)
     yield f"{solid}/axes", rr.Arrows3D(vectors=vectors, colors=[_RED, _GREEN, _BLUE], radii=0.026)
     yield f"{solid}/labels", _labels(vectors * 1.1, ("forward", "right", "down"))
 
-    outline = f"{body}/euler"
-    yield f"{outline}/airframe", rr.LineStrips3D(_OUTLINES, colors=[_EULER], radii=0.012)
-    yield f"{outline}/axes", rr.Arrows3D(vectors=1.35 * vectors, colors=_PALE, radii=0.009)
+    yield f"{body}/euler/airframe", rr.LineStrips3D(_OUTLINES, colors=[_EULER], radii=0.012)
 
     for angle in ANGLES:
         yield path_of(key, angle, "euler"), rr.SeriesLines(names="Euler", colors=_EULER, widths=4.0)
@@ -141,6 +160,20 @@ def vehicle_parts(key: Key, place: int) -> Iterator[Part]:
     yield path_of(key, "disagreement"), rr.SeriesLines(names=DISAGREEMENT, colors=colours, widths=widths)
     labels, colours = zip(*_STATES.values(), strict=True)
     yield path_of(key, "state"), rr.StateConfiguration(values=list(_STATES), labels=labels, colors=colours)
+
+
+def ghost_parts(path: str) -> Iterator[Part]:
+    """What shows a disagreement, under `path`; its attitudes, axis and arc come at each instant."""
+    yield f"{path}/ghost/axes", rr.LineStrips3D(_DASHES, colors=np.repeat(_PALE, _DASHES_A_AXIS, axis=0), radii=0.012)
+    yield f"{path}/axis", rr.Arrows3D.from_fields(colors=_AXIS, radii=0.012)
+    yield f"{path}/arc", rr.LineStrips3D.from_fields(colors=_DISAGREEMENT["angle"][0], radii=0.016, show_labels=True)
+
+
+def corrected_parts(path: str, text: str) -> Iterator[Part]:
+    """The triad of an attitude whose mistake is undone, with that said at its right; it is turned by `path`."""
+    vectors = _CORRECTED_M * np.eye(3)
+    yield f"{path}/axes", rr.Arrows3D(vectors=vectors, colors=_CORRECTED, radii=0.007)
+    yield f"{path}/name", rr.Points3D(vectors[1:2], labels=text, colors=_CORRECTED, radii=0.004, show_labels=True)
 
 
 def motion_parts(key: Key) -> Iterator[Part]:

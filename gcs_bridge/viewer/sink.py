@@ -20,11 +20,12 @@ from gcs_bridge.judge import Observation
 from gcs_bridge.samples import AttitudeSamples
 from gcs_bridge.sinks.events import event_line
 from gcs_bridge.viewer import scene
+from gcs_bridge.viewer.apart import Apart, Shown
 from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.motion_lines import MotionLines
 from gcs_bridge.viewer.open import ViewerSink
 from gcs_bridge.viewer.processes import Window
-from gcs_bridge.viewer.rows import Moment, Rows, Times
+from gcs_bridge.viewer.rows import Moment, Rows, Times, moment_of, pair_times
 from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, Key, boot_timeline, path_of
 
 __all__ = ["RerunSink", "new_recording"]
@@ -33,6 +34,9 @@ Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
 
 _TICK_S = 0.02  # so long rerun gathers a live link's events; samples come in batches already, and go at once
+
+_LEAST_OFFSET = 0.5  # the norm from which a `repr_offset_q` is one
+_AS_IT_IS = np.array([1.0, 0.0, 0.0, 0.0])
 
 _LEVELS = {
     "alarm_raised": "CRITICAL",
@@ -59,11 +63,13 @@ def new_recording(name: str, *, live: bool) -> rr.RecordingStream:
 class _Vehicle:
     """What is remembered of a vehicle."""
 
-    def __init__(self) -> None:
+    def __init__(self, key: Key) -> None:
         self.compared: set[int] = set()  # boots in which something could be compared
         self.silent = False  # by the latest event: there is nothing to compare
         self.raised: dict[str, str] = {}  # alarms of all checks, by id: severity
         self.motion: MotionLines | None = None
+        self.apart = Apart(key)
+        self.turned = _AS_IT_IS  # the airframes, as they are drawn
 
     @property
     def state(self) -> scene.State:
@@ -104,13 +110,19 @@ class RerunSink(ViewerSink):
                 self._draw_attitude(key, source, samples[samples.valid])
             if len(observation.pairs):
                 self._draw_disagreement(key, vehicle, observation)
+            self._draw_turned(key, vehicle, segment.quaternion)
         if key in self._vehicles:
+            for more in self._vehicles[key].apart.feed(observation):
+                if isinstance(more, Rows):
+                    self._draw_rows(more)
+                else:
+                    self._show([more])
             self._draw_motion(key, self._vehicles[key], observation)
 
     def event(self, event: Event) -> None:
         """Write an event into the log, and what it means for the comparison into its lane."""
         name = event["event"]
-        moment = _moment(event)
+        moment = moment_of(event)
         if moment.t_boot_us is None and moment.t_rx_us < 0:
             moment = moment._replace(t_rx_us=self._latest_rx_us)
         self._set_time(moment)
@@ -129,12 +141,15 @@ class RerunSink(ViewerSink):
         elif name == "alarm_cleared":
             vehicle.raised.pop(event["id"], None)
             self._state(key, vehicle.state)
+            self._show(vehicle.apart.gone(event))
         elif name == "reboot":
             vehicle.silent, vehicle.raised = False, {}
             self._state(key, "not compared")  # until the new boot's first pair
         elif name in ("no_compare", "compare_resumed") and event["check"] == EulerQuaternion.name:
             vehicle.silent = name == "no_compare"
             self._state(key, vehicle.state)
+            if vehicle.silent:
+                self._show(vehicle.apart.silent(moment))
 
     def finish(self, at: Literal["alarm"] | int | None = None) -> bool:
         """Lay the whole out, around the first alarm or a receive time if `at` asks for it."""
@@ -172,7 +187,7 @@ class RerunSink(ViewerSink):
         vehicle = self._vehicles.get(key)
         if vehicle is None:
             self._draw(scene.vehicle_parts(key, len(self._vehicles)))
-            vehicle = self._vehicles[key] = _Vehicle()
+            vehicle = self._vehicles[key] = _Vehicle(key)
             if self._live:
                 self._lay_out()
         return vehicle
@@ -192,12 +207,7 @@ class RerunSink(ViewerSink):
         self._draw_rows(Rows(times, {path_of(key, "body", source): xyzw}, numbers))
 
     def _draw_disagreement(self, key: Key, vehicle: _Vehicle, observation: Observation) -> None:
-        segment, pairs, found = observation.segment, observation.pairs, observation.disagreement
-        # A pair is known when the sample comes that completes it: `trigger` counts the valid attitudes of the segment.
-        valid = np.zeros(len(segment.message), np.bool_)
-        for message, samples in enumerate((segment.euler, segment.quaternion)):
-            valid[segment.message == message] = samples.valid
-        times = Times(segment.boot, pairs.t_boot_us, segment.t_rx_us[valid][pairs.trigger])
+        segment, found, times = observation.segment, observation.disagreement, pair_times(observation)
         judged = np.flatnonzero(found.judged)
         if len(judged) and segment.boot not in vehicle.compared:
             vehicle.compared.add(segment.boot)
@@ -208,6 +218,22 @@ class RerunSink(ViewerSink):
         values["limit"] = found.limit
         degrees = np.degrees([values[name] for name in DISAGREEMENT]).T
         self._draw_rows(Rows(times, numbers={path_of(key, "disagreement"): degrees}))
+
+    def _draw_turned(self, key: Key, vehicle: _Vehicle, samples: AttitudeSamples) -> None:
+        """Turn the drawn airframes, and nothing else, where the vehicle asks displays to: PX4's tailsitters do."""
+        offsets = samples.repr_offset_q
+        assert offsets is not None
+        if vehicle.turned is _AS_IT_IS and not offsets.any():  # so with nearly all
+            return
+        size = np.linalg.norm(offsets, axis=1)
+        asked = np.where((size >= _LEAST_OFFSET)[:, None], attitude.normalise(offsets), _AS_IT_IS)
+        changes = np.flatnonzero((np.diff(asked, axis=0, prepend=vehicle.turned[None]) != 0).any(axis=1))
+        if len(changes):
+            vehicle.turned = asked[-1]
+            times = Times(int(samples.boot[0]), samples.t_boot_us[changes], samples.t_rx_us[changes])
+            xyzw = attitude.xyzw_from_wxyz(asked[changes])
+            for source in ("euler", "quaternion"):
+                self._draw_rows(Rows(times, {path_of(key, "body", source, "airframe"): xyzw}))
 
     def _draw_motion(self, key: Key, vehicle: _Vehicle, observation: Observation) -> None:
         """Draw how the vehicle moves, from its first inertial sample on."""
@@ -245,6 +271,12 @@ class RerunSink(ViewerSink):
         if moment.t_rx_us > 0:
             self._rec.set_time(UTC, timestamp=np.datetime64(moment.t_rx_us, "us"))
 
+    def _show(self, several: Iterable[Shown]) -> None:
+        for shown in several:
+            self._set_time(shown.moment)
+            for path, archetype in shown.parts:
+                self._rec.log(path, archetype)
+
     def _state(self, key: Key, state: scene.State) -> None:
         self._rec.log(path_of(key, "state"), rr.StateChange(state=state))
         self._rec.log(path_of(key, "body", "name"), scene.name_tag(key, state))
@@ -271,9 +303,3 @@ class RerunSink(ViewerSink):
         if first is None or first.t_rx_us <= 0 or first.t_boot_us is None or t_rx_us > self._latest_rx_us:
             return None
         return Moment(first.boot, max(first.t_boot_us + t_rx_us - first.t_rx_us, 0), t_rx_us)
-
-
-def _moment(event: Event) -> Moment:
-    boot_s, utc = event["boot_s"], event["utc"]
-    received = -1 if utc is None else int(np.datetime64(utc.removesuffix("Z"), "us").astype(np.int64))
-    return Moment(event["boot"], None if boot_s is None else round(boot_s * 1e6), received)

@@ -402,3 +402,10 @@ def test_series_that_do_not_fit_are_refused(changes, message):
     arguments = {"t_s": [0.0, 1.0, 2.0], "q_nb": np.ones((3, 4)), "f_b": np.ones((3, 3))} | changes
     with pytest.raises(ValueError, match=message):
         attitude.dead_reckon(**arguments)
+
+
+@pytest.mark.parametrize("shape", [(), (2,), (4,), (3, 1)])
+def test_a_mask_of_rest_that_does_not_fit_is_refused(shape):
+    """Where to restart is told for each sample, no more and no less."""
+    with pytest.raises(ValueError, match=r"^resting has shape .*, expected \(3,\)$"):
+        attitude.DeadReckoner().feed([0.0, 1.0, 2.0], np.ones((3, 4)), np.ones((3, 3)), np.zeros(shape, dtype=bool))

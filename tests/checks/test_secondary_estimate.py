@@ -56,7 +56,7 @@ def test_quiet_flight(change: Change, severity: str, part: str, axis: str) -> No
     assert severity == "alarm" or len(alarms(vehicle)) == 1
     assert {one["check"] for one in alarms(vehicle)} == {"secondary_estimate"}
     assert alarm["what"] == f"the second estimate (AHRS2) has another {part}"
-    assert alarm["is_not"] == "not a mistake of encoding: one of two estimators is wrong, and it may be the second"
+    assert alarm["is_not"] == "not one form against the other: one of two estimates is wrong, and it may be the second"
     assert alarm["axis"] == axis
     assert alarm["raised_boot_s"] == pytest.approx(RAISED_S)
     assert alarm["cleared_boot_s"] == pytest.approx(CLEARED_S)

@@ -161,10 +161,11 @@ def test_every_frame_is_recorded_byte_for_byte(recording: Recording) -> None:
     assert sorted(times_us) == times_us
 
 
-@pytest.mark.parametrize("name", ["two vehicles", "a reboot"])
-def test_datagrams_at_once_are_datagrams_one_by_one(name: str) -> None:
+@pytest.mark.parametrize(("name", "from_s", "to_s"), [("e_two_vehicles", 0, 7), ("f_reboot", 8, 16)])
+def test_datagrams_at_once_are_datagrams_one_by_one(name: str, from_s: float, to_s: float) -> None:
     """Bit for bit: report, events and what is recorded."""
-    datagrams = [(frame.data, frame.t_rx_us) for frame in FLIGHTS[name][0]]
+    frames = fixture(name, from_s=from_s, to_s=to_s, fault="yaw_offset:25")
+    datagrams = [(frame.data, frame.t_rx_us) for frame in frames]
     told = []
     for size in (1, 7, 500):
         seen: list[RawFrame] = []
@@ -178,11 +179,13 @@ def test_datagrams_at_once_are_datagrams_one_by_one(name: str) -> None:
                 events += monitor.feed_datagrams(datagrams[start : start + size])
         told.append((monitor.close().to_dict(), events, seen))
     assert told[0] == told[1] == told[2]
+    assert {"alarm_raised", "reboot"} & {event["event"] for event in told[0][1]}
 
 
 def test_broken_datagrams_do_not_reach_into_each_other() -> None:
     """What is missing of one is not looked for in the next, in a batch as alone."""
-    datagrams = [(frame.data, frame.t_rx_us) for frame in FLIGHTS["a copter with a fault"][0]]
+    frames = fixture("a_copter_square", from_s=75, to_s=83, fault="yaw_offset:25")
+    datagrams = [(frame.data, frame.t_rx_us) for frame in frames]
     for at in range(5, len(datagrams), 11):
         data, t_rx_us = datagrams[at]
         datagrams[at] = (data[: len(data) // 2], t_rx_us)

@@ -57,3 +57,19 @@ def test_it_opens_on_the_moment(moment: Path) -> None:
         apart = np.degrees(np.arccos((np.trace(turn("euler").T @ turn("quaternion")) - 1) / 2))
         assert apart == pytest.approx(25.0, abs=0.05)
         assert not viewer.errors()
+
+
+def test_the_mistake_is_undone_in_it_as_in_the_whole_recording(tmp_path: Path) -> None:
+    """Roll of the wrong sign in a plane with a pitch trim: both are undone, whole or cut, and the same is left."""
+    data = inject((FIXTURES / "d_plane_pitchtrim3.tlog").read_bytes(), [parse_fault("roll_sign")], from_s=6.0)
+    source = tmp_path / "a.tlog"
+    source.write_bytes(data)
+    assert main(["check", str(source), "--evidence", str(tmp_path / "e"), "-q"]) == 1
+    assert main(["replay", str(source), "--viewer", f"save:{tmp_path / 'a.rrd'}", "-q"]) == 0
+    cut = Drawn(tmp_path / "e" / "a" / "1.1-euler_quaternion-0-1" / "moment.rrd")
+    whole = Drawn(tmp_path / "a.rrd")
+    entity = ("/vehicle/1.1/body/corrected", "Transform3D:quaternion")
+    boot_us, xyzw = cut.numbers(*entity)
+    whole_us, whole_xyzw = whole.numbers(*entity)
+    assert len(boot_us) > 200
+    assert np.array_equal(xyzw, whole_xyzw[np.isin(whole_us, boot_us)])
