@@ -158,8 +158,9 @@ def _shows_s(sent: oracle.Sent, fault: str) -> oracle.Array:
     """When the fault shows, by SciPy: times at which the limit is exceeded."""
     if fault == "quaternion_unnormalised":
         return sent.t_quaternion_s[np.abs(np.linalg.norm(sent.wxyz, axis=1) - 1) > 1e-2]
-    t_s, angle_deg = oracle.disagreement(sent)
-    return t_s[angle_deg > LIMIT_DEG]
+    t_s, splined_deg = oracle.disagreement(sent)
+    _, angle_deg = oracle.disagreement(sent, oracle.Slerp)
+    return t_s[np.minimum(splined_deg, angle_deg) > LIMIT_DEG]
 
 
 def _onset_s(shows_s: oracle.Array, raised_s: float) -> float:

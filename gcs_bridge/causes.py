@@ -100,7 +100,8 @@ class Cause:
     """One mistake: what it does to the samples of the message at fault, and what to tell its owner.
 
     `acts_on` says which samples `falsify` takes, as they should be, and returns, as they are sent; `undo` is its exact
-    inverse, and None where what was lost cannot come back. In `fix`, `{value}` stands for the value with its unit. Samples:
+    inverse, and None where what was lost cannot come back. In `fix`, `{value}` stands for the value with its unit.
+    Samples:
 
     - "quaternion": (N, 4), q_nb `[w, x, y, z]`
     - "rpy": (N, 3), roll, pitch, yaw, rad

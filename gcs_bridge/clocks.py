@@ -160,7 +160,7 @@ class OffsetClock:
         self._offset_us = np.iinfo(np.int64).max
 
     def map(self, t_us: Int64s, latest_us: Int64s) -> Int64s:
-        """Boot times (n,), µs, of messages at `t_us` (n,) on their own clock, when it was `latest_us` (n,) by the boot's."""
+        """Boot times (n,), µs, of messages at `t_us` (n,) on their clock, when the boot clock said `latest_us` (n,)."""
         offset = t_us - latest_us
         if self._same is None and len(offset):
             self._same = abs(int(offset[0])) < SAME_CLOCK_US

@@ -33,9 +33,9 @@ class Flight:
     streams with the ordinals of their later samples. `attitude`: the one attitude that others are compared with, rows
     of q_nb and body rates. `imu`: n samples of one inertial sensor; (n,) whether the vehicle `may_rest` then by what it
     says itself, and whether it `stands` on the ground; `trim_b_rad` (n, 3) the turn from the body's axes to the
-    sensor's. `secondary`: of the second estimate. `turns`: what started, went stale or resumed; `line`: all timed
-    messages, with the vehicle's frames `lost` and `received` by each. `told`: what the
-    vehicle said of itself.
+    sensor's. `secondary`: of the second estimate. `fixed_wing`, `ardupilot`: 1 or 0 by frame, NaN before a heartbeat
+    said so. `turns`: what started, went stale or resumed; `line`: all timed messages, with the vehicle's frames `lost`
+    and `received` by each. `told`: what the vehicle said of itself.
     """
 
     euler: AttitudeSamples
@@ -52,8 +52,8 @@ class Flight:
     stands: Mask
     trim_b_rad: Floats
     secondary: Secondary
-    fixed_wing: bool
-    ardupilot: bool
+    fixed_wing: Latest
+    ardupilot: Latest
     turns: list[Turn]
     line: Timeline
     lost: Int64s

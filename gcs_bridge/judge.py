@@ -132,7 +132,7 @@ class VehicleJudge:
         self._stillness = Stillness(settings.gravity)
         self._trims = {name: Latest(0.0) for name in _TRIMS}
         self._trim_b_rad = np.zeros(3)  # as it was undone last
-        self._fixed_wing = False
+        self._fixed_wing, self._ardupilot = Latest(), Latest()
         self.autopilot = self.type = "unknown"
         self._streams: dict[str, StreamCount] = {}
         self._heard = Latest()  # when any frame of the vehicle came, receive time, µs
@@ -152,7 +152,7 @@ class VehicleJudge:
         yield from self.advance(link)
         last = int(ordinals[-1])
         self._stillness.forget(last)
-        for latest in (self._heard, *self._trims.values()):
+        for latest in (self._heard, self._fixed_wing, self._ardupilot, *self._trims.values()):
             latest.forget(last)
 
     def advance(self, link: LinkClock) -> Iterator[Notice]:
@@ -220,7 +220,8 @@ class VehicleJudge:
         for say in batch.told:
             if isinstance(say, ModeSet):
                 self.autopilot, self.type = say.autopilot, say.type
-                self._fixed_wing = say.type in _FIXED_WING
+                self._fixed_wing.put(np.array([say.ordinal]), np.array([float(say.type in _FIXED_WING)]))
+                self._ardupilot.put(np.array([say.ordinal]), np.array([float(say.autopilot == "ardupilot")]))
 
     def _take_boot(self, index: int, segment: Segment | None, batch: VehicleBatch, link: LinkClock) -> Iterator[Notice]:
         """Judge what came of one boot."""
@@ -289,7 +290,7 @@ class VehicleJudge:
             self._trim_at(imu.ordinal) if imu is not None else np.empty((0, 3)),
             secondary,
             self._fixed_wing,
-            self.autopilot == "ardupilot",
+            self._ardupilot,
             turns,
             line,
             segment.lost,

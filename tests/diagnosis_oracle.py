@@ -141,9 +141,10 @@ def paired(sent: Sent, interpolation: Interpolation = RotationSpline) -> tuple[A
 def _between(
     at_s: Array, interpolation: Interpolation, t_s: Array, rotation: Rotation
 ) -> tuple[NDArray[np.int64], Rotation]:
-    """Which times are inside, and the rotations there."""
+    """Which times are inside, in no gap of a second, and the rotations there."""
     t_s, first = np.unique(t_s, return_index=True)
-    inside = np.flatnonzero((at_s > t_s[0]) & (at_s < t_s[-1]))
+    after = np.clip(np.searchsorted(t_s, at_s), 1, len(t_s) - 1)
+    inside = np.flatnonzero((at_s > t_s[0]) & (at_s < t_s[-1]) & (t_s[after] - t_s[after - 1] <= 1.0))
     return inside, interpolation(t_s, rotation[first])(at_s[inside])
 
 

@@ -177,6 +177,16 @@ def test_outliers_have_no_say() -> None:
     assert found.values[0][0] == pytest.approx(12, abs=0.02)
 
 
+def test_an_onset_that_was_seen_too_early() -> None:
+    """A window whose first 40 % are healthy, turning as the rest, is judged from the first disagreement on."""
+    motion = Motion(20.0, seed=9)
+    t_s = np.arange(0.0, 20.0, 0.04)
+    sent = motion.rpy(t_s)
+    sent[200:] *= [-1, 1, 1]
+    found = told(diagnose(made(t_s, motion.rotation(t_s), motion.rates(t_s), rpy=sent)))
+    assert (found.causes, found.confidence) == (("roll_sign",), "certain")
+
+
 TWO = [
     ("time_skew:80", "yaw_offset:-7"),
     ("quaternion_conjugate", "time_skew:-120"),

@@ -145,8 +145,9 @@ class EulerQuaternion(Check):
         if self._first_us is None:
             self._first_us = int(t_us[0])
         bad = np.flatnonzero(found.counted & (found.angle > found.limit))
-        if not flight.ardupilot or not len(bad):
-            return bad[:0]
+        bad = np.asarray(bad[flight.ardupilot.at(flight.pair_ordinal[bad]) != 0])  # NaN: not known yet
+        if not len(bad):
+            return bad
         at_us = np.maximum.accumulate(np.concatenate(([self._bad_us], t_us[bad])))
         fresh = np.diff(at_us) > _CALM_US
         onset_us = np.maximum.accumulate(np.concatenate(([self._onset_us], np.where(fresh, at_us[1:], -1))))[1:]
@@ -159,7 +160,9 @@ class EulerQuaternion(Check):
         starting = at_us[1:] - self._first_us < _START_US
         slow = flight.pairs.stands_for_us[bad] >= _SLOW_US
         young = at_us[1:] - onset_us < np.where(slow, _HELD_SLOW_US, _HELD_US)
-        return np.asarray(bad[young & ((about_y & flight.fixed_wing) | (by_trim & starting))])
+        return np.asarray(
+            bad[young & ((about_y & (flight.fixed_wing.at(flight.pair_ordinal[bad]) != 0)) | (by_trim & starting))]
+        )
 
     def _mean(self, flight: Flight, found: Disagreement) -> Iterator[Ratings]:
         """The mean turn of the last seconds' good pairs, in world and body axes: noise averages out, offsets don't."""

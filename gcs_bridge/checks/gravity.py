@@ -33,6 +33,7 @@ from gcs_bridge.settings import AlarmSettings, GravitySettings
 
 Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 _MAX_GAP_US = 1_000_000
 _WIDTH = 10  # of a query: force, rates, trim, whether it may rest
@@ -108,17 +109,17 @@ class Gravity(Check):
         detail = _between_downs(down[at], force[at], value[at])
         for tier, limit in (("warning", self._settings.warning_rad), ("alarm", self._settings.alarm_rad)):
             yield Ratings(tier, rated(t_us[at], ordinal[at], value[at], limit, self._delays, detail))
-        yield self._gross(t_us, ordinal, force, reported, down, fixed_wing=flight.fixed_wing)
+        yield self._gross(t_us, ordinal, force, reported, down, flight.fixed_wing.at(ordinal) == 1)
 
     def _gross(
-        self, t_us: Int64s, ordinal: Int64s, force: Floats, rates: Floats, down: Floats, *, fixed_wing: bool
+        self, t_us: Int64s, ordinal: Int64s, force: Floats, rates: Floats, down: Floats, fixed_wing: Mask
     ) -> Ratings:
         """The mean specific force of some seconds against the mean down, while the vehicle turns slowly."""
         settings = self._settings
         size = np.sqrt(rates[:, 0] ** 2 + rates[:, 1] ** 2 + rates[:, 2] ** 2)
         loud = ~(size < settings.gross_below_rad_s)
-        if fixed_wing:  # a coordinated turn feels level
-            loud |= np.abs(np.arctan2(down[:, 1], down[:, 2])) > settings.gross_bank_rad
+        # On fixed wings a coordinated turn feels level.
+        loud |= fixed_wing & (np.abs(np.arctan2(down[:, 1], down[:, 2])) > settings.gross_bank_rad)
         loud_us = np.maximum.accumulate(np.concatenate(([self._loud_us], np.where(loud, t_us, -1))))[1:]
         self._loud_us = int(loud_us[-1])
         sums, _, since_us = self._sums.feed(t_us, np.hstack((force, down)))

@@ -156,7 +156,7 @@ def _evidence(recording: Path, folder: Folder, count: int, left_out: int) -> str
         why = f"no room for {left_out} alarms or warnings" if left_out else "nothing was raised"
         return f"{recording}: {why}, so there is no evidence of it{earlier}"
     more = f"; {left_out} more are left out" if left_out else ""
-    return f"{recording}: evidence of {count} alarm{'' if count == 1 else 's'} or warnings in {folder.path}{more}"
+    return f"{recording}: evidence of what was raised ({count}) is in {folder.path}{more}"
 
 
 def _size(path: Path) -> int:

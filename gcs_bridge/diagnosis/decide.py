@@ -70,11 +70,14 @@ class Case:
     """One window's pairs, and the hypotheses tried on them."""
 
     def __init__(self, pairing: Pairing, alignment: AlignmentSettings, *, clean: bool) -> None:
-        """Look at the pairs as sent."""
+        """Look at the pairs as sent, from the first that disagrees on: an onset may have been seen too early."""
+        found = pairing.compare([NO_MISTAKE])
+        onset = np.argmax(found.residual_rad[0] > fits.scale_rad(found.bound_rad[0]))
+        pairing = pairing.where(np.arange(onset, len(pairing)))
         self.pairing = pairing
         self._alignment = alignment
         self._floor_rad = _FLOOR_CLEAN_RAD if clean else _FLOOR_RAD
-        self.as_sent = pairing.compare([NO_MISTAKE])
+        self.as_sent = Comparison(*(values[:, onset:] for values in found))
         residual, bound = self.as_sent.residual_rad[0], self.as_sent.bound_rad[0]
         self.bad: Mask = residual > _BAD_RAD + bound
         self._bad_samples = pairing.sample[self.bad]

@@ -78,12 +78,12 @@ class Apart:
     def _start_boot(self) -> None:
         self._latest_us = -1
         self._is_open = False  # the latest pair is apart
-        self._undoings: dict[str, tuple[Event, Undoing | None]] = {}  # of the alarms that stand, by id
+        self._undoings: dict[str, Undoing | None] = {}  # of the alarms that stand, by id
 
     @property
     def _undoing(self) -> Undoing | None:
         """Of the alarm that was diagnosed last."""
-        return next(reversed(self._undoings.values()), (None, None))[1]
+        return next(reversed(self._undoings.values()), None)
 
     def feed(self, observation: Observation) -> Iterator[Rows | Shown]:
         """What a batch adds."""
@@ -104,22 +104,16 @@ class Apart:
             yield Shown(moment, [_nothing(self._apart)])
 
     def told(self, event: Event) -> Iterator[Shown]:
-        """A diagnosis, or an alarm that went."""
+        """A diagnosis, or an alarm that went, or is shelved: then nothing more is told of it, not even that it went."""
         before = self._undoing
         self._undoings.pop(event["id"], None)
         if event["event"] == "diagnosis":
-            self._undoings[event["id"]] = event, undoing(event["diagnosis"])
+            self._undoings[event["id"]] = undoing(event["diagnosis"])
         after = self._undoing
         if after is not None and after != before:
             yield Shown(moment_of(event), list(corrected_parts(self._corrected, f"{after.name} undone")))
         elif after is None and before is not None:
             yield Shown(moment_of(event), [_nothing(self._corrected)])
-
-    def gone(self, event: Event) -> Iterator[Shown]:
-        """An alarm went, perhaps by time alone: then no observation has told it."""
-        latest, _ = self._undoings.get(event["id"], (None, None))
-        if latest is not None and latest["boot"] == event["boot"] and _boot_s(event) > _boot_s(latest):
-            yield from self.told(event)
 
     def _leave_boot(self, moment: Moment) -> Iterator[Shown]:
         yield from self.silent(moment)
@@ -204,10 +198,6 @@ def _arcs(q_euler: Floats, rotvec_body: Floats) -> Floats:
     way = np.linspace(0.0, 1.0, _ARC_POINTS)[:, None] * rotvec_body[:, None, :]
     turned = attitude.rotate(attitude.quaternion_from_rotvec(way), np.broadcast_to(arm[:, None], way.shape))
     return attitude.rotate(np.repeat(q_euler[:, None], _ARC_POINTS, axis=1), turned)
-
-
-def _boot_s(event: Event) -> float:
-    return math.inf if event["boot_s"] is None else float(event["boot_s"])
 
 
 def _nothing(path: str) -> Part:

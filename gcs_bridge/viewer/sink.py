@@ -141,7 +141,8 @@ class RerunSink(ViewerSink):
         elif name == "alarm_cleared":
             vehicle.raised.pop(event["id"], None)
             self._state(key, vehicle.state)
-            self._show(vehicle.apart.gone(event))
+        elif name == "alarm_shelved":
+            self._show(vehicle.apart.told(event))
         elif name == "reboot":
             vehicle.silent, vehicle.raised = False, {}
             self._state(key, "not compared")  # until the new boot's first pair

@@ -254,6 +254,7 @@ def test_others_may_deny_rest():
     may_rest = np.arange(80) >= 20
     assert np.flatnonzero(attitude.at_rest(t, f, w, may_rest))[0] == 50
     assert not attitude.at_rest(t, f, w, may_rest=False).any()
+    assert (attitude.RestWatch().feed(t, f, w) == attitude.at_rest(t, f, w, may_rest=True)).all()
 
 
 def test_a_bad_row_is_not_rest_and_ends_none():
@@ -370,6 +371,15 @@ def test_a_bad_row_is_bridged():
     for whole, part in zip(track, without, strict=True):
         assert np.isnan(whole[bad]).all()
         np.testing.assert_array_equal(np.delete(whole, bad, axis=0), part)
+
+
+def test_a_bad_row_ends_no_rest():
+    """A row of NaN between quiet ones tells no rate: the rest goes on, and with it the motion of zero."""
+    t, f, _ = rest(60)
+    q = np.tile(LEVEL, (60, 1))
+    q[45] = np.nan
+    track = attitude.dead_reckon(t, q, f)
+    assert np.flatnonzero(track.velocity_bound_m_s == 0.0).tolist() == [0, *range(30, 45), *range(46, 60)]
 
 
 def test_the_past_does_not_depend_on_the_future():

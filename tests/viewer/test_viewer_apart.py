@@ -194,6 +194,27 @@ def test_what_is_over_goes(tmp_path: Path) -> None:
     assert recording.rows(CORRECTED, TURN)[0][-1] < 1e6 * over["boot_s"]
 
 
+def test_of_a_shelved_alarm_nothing_is_undone(tmp_path: Path) -> None:
+    """Nobody is told when it goes; so the corrected triad goes at once, and the ghost stays for what it is."""
+    path = tmp_path / "a.rrd"
+    with open_viewer(f"save:{path}", say=pytest.fail) as viewer:
+        sink = viewer.recording("by hand")
+        monitor = Monitor(observer=sink.observe)
+        shelved_us = None
+        for now_us, frame in wire.records(flown("yaw_offset:25", seconds=12.0)):
+            for event in monitor.feed(frame, now_us):
+                sink.event(event)
+                if event["event"] == "diagnosis" and shelved_us is None:
+                    shelved_us = now_us
+                    for said in monitor.shelve(event["id"], now_us, 3600.0):
+                        sink.event(said)
+        sink.finish()
+    recording = Drawn(path)
+    assert recording.rows(CORRECTED, CLEAR, "utc")[0].tolist() == [shelved_us]
+    assert recording.rows(CORRECTED, TURN, "utc")[0].max() <= shelved_us
+    assert recording.rows(GHOST, TURN, "utc")[0].max() > shelved_us + 5_000_000
+
+
 def test_nothing_stays_while_nothing_is_compared(tmp_path: Path) -> None:
     """Where the quaternion stops for 20 s the ghost goes, with NO COMPARE, and is there again with the first pair."""
     stopping = inject((FIXTURES / "k8_stream_stops.tlog").read_bytes(), [parse_fault("yaw_offset:25")])
@@ -262,6 +283,7 @@ def test_a_display_offset_turns_what_is_drawn_and_nothing_that_is_compared(tmp_p
         assert boot_us.tolist() == [3_000_000]
         _, attitudes = recording.numbers(f"{BODY}/{source}", TURN)
         assert attitudes == pytest.approx(np.tile([0, math.sqrt(0.5), 0, math.sqrt(0.5)], (100, 1)), abs=1e-6)
+        assert np.linalg.norm(xyzw[0]) == pytest.approx(1, abs=1e-6)
         level = Rotation.from_quat(attitudes[-1]) * Rotation.from_quat(xyzw[0])
         assert level.magnitude() == pytest.approx(0, abs=1e-6)
     _, disagreements = recording.rows("/vehicle/1.1/disagreement", "Scalars:scalars")
