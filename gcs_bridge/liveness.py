@@ -17,7 +17,7 @@ from gcs_bridge.settings import StreamSettings
 Int64s = npt.NDArray[np.int64]
 
 # No timed message at all for so long, although the vehicle may be heard: a rebooting autopilot speaks again before.
-LONG_SILENCE_US = 30_000_000
+LONG_SILENCE_US = 10_000_000
 OTHER = 2  # a timed message that is neither of the two attitude streams
 
 

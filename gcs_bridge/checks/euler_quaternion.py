@@ -139,7 +139,7 @@ class EulerQuaternion(Check):
 
         What a firmware does is told by parameters and modes, or fitted to some pairs: both take a moment. For so long
         after its onset a disagreement has no vote if it is a turn about the body's y axis on an ArduPlane (a trim, a
-        view), or, in the first seconds of a boot, no larger than AHRS_TRIM could make it at this tilt.
+        view), or, where it is there from a boot's first seconds on, no larger than AHRS_TRIM could make it there.
         """
         t_us = flight.pairs.t_boot_us
         if self._first_us is None:
@@ -157,7 +157,7 @@ class EulerQuaternion(Check):
         q_nb = flight.pairs.q_quaternion[bad]
         tilt = np.arccos(np.clip(attitude.body_down(q_nb)[:, 2], -1.0, 1.0))
         by_trim = found.angle[bad] <= 2.0 * np.sin(tilt / 2.0) * _MOST_TRIM_RAD + found.limit[bad]
-        starting = at_us[1:] - self._first_us < _START_US
+        starting = onset_us - self._first_us < _START_US
         slow = flight.pairs.stands_for_us[bad] >= _SLOW_US
         young = at_us[1:] - onset_us < np.where(slow, _HELD_SLOW_US, _HELD_US)
         return np.asarray(
@@ -218,7 +218,7 @@ class EulerQuaternion(Check):
 _CALM_US = 5_000_000  # without a bad pair, before the next one is a new onset
 _HELD_US, _HELD_SLOW_US = 3_000_000, 6_000_000  # how long a disagreement may be withheld; for pairs that come slowly
 _SLOW_US = 400_000
-_START_US = 10_000_000
+_START_US = 3_000_000
 _OFF_AXIS = 0.05  # share of a turn that may be about other axes
 _MOST_TRIM_RAD = math.radians(10.0)
 _WEIGHT_FLOOR_RAD = math.radians(0.05)
