@@ -1,7 +1,7 @@
 """Are the tests of the attitude math any good? Break each line of it by cosmic-ray, and count what no test notices.
 
     pip install -e '.[test,mutation]'
-    python -m benchmarks.mutation                  # all modules, two at a time; half an hour
+    python -m benchmarks.mutation                  # all modules, two at a time; an hour
     python -m benchmarks.mutation --jobs 4 euler   # or some of them
 
 Works on copies; the checkout stays as it is. Prints each survivor as a difference, then a table. docs/mutation.md says
