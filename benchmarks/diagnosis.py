@@ -30,19 +30,17 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import diagnosis_oracle as oracle
 import numpy as np
+import wire
+
+import gcs_bridge
+from gcs_bridge import Monitor
+from gcs_bridge.causes import CAUSES
+from gcs_bridge.diagnosis import Window, diagnose
+from gcs_bridge.inject import inject, parse_fault
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests"))  # the oracle's home
-
-import diagnosis_oracle as oracle  # noqa: E402  # behind its home
-import wire  # noqa: E402
-
-import gcs_bridge  # noqa: E402
-from gcs_bridge import Monitor  # noqa: E402
-from gcs_bridge.causes import CAUSES  # noqa: E402
-from gcs_bridge.diagnosis import Window, diagnose  # noqa: E402
-from gcs_bridge.inject import inject, parse_fault  # noqa: E402
 
 STRENGTHS = {
     "yaw_offset": ["1", "-5", "12", "30", "90", "180"],

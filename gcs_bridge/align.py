@@ -88,7 +88,7 @@ def _new_state() -> _State:
 
 
 @helper
-def _median(values, n):  # type: ignore[no-untyped-def]
+def _median(values, n):  # type: ignore[no-untyped-def]  # typed by numba
     """The lower median of the first `n` values, which it sorts: they are few."""
     for i in range(1, n):
         value = values[i]
@@ -101,7 +101,7 @@ def _median(values, n):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _follow_period(state, k, t, t_rx):  # type: ignore[no-untyped-def]
+def _follow_period(state, k, t, t_rx):  # type: ignore[no-untyped-def]  # typed by numba
     """Take the interval before a sample into the running estimate of its stream's period: the median of a block."""
     of = state.of[k]
     if of[_LATEST] == _UNKNOWN:
@@ -121,7 +121,7 @@ def _follow_period(state, k, t, t_rx):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _decide_slower(state):  # type: ignore[no-untyped-def]
+def _decide_slower(state):  # type: ignore[no-untyped-def]  # typed by numba
     """Which stream is the slower one, once both periods are known; it changes only with a clear ratio."""
     euler, quaternion = state.of[0, _PERIOD], state.of[1, _PERIOD]
     if euler == _UNKNOWN or quaternion == _UNKNOWN:
@@ -134,7 +134,7 @@ def _decide_slower(state):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _same_instant(state, k, t):  # type: ignore[no-untyped-def]
+def _same_instant(state, k, t):  # type: ignore[no-untyped-def]  # typed by numba
     """Position of the unpaired sample of stream `k` at exactly `t`, −1 if there is none."""
     if state.of[k, _LATEST] < t:
         return _UNKNOWN
@@ -149,7 +149,7 @@ def _same_instant(state, k, t):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _ordered_after(state, k, t):  # type: ignore[no-untyped-def]
+def _ordered_after(state, k, t):  # type: ignore[no-untyped-def]  # typed by numba
     """Index in `ordered` of the first sample of stream `k` behind `t`; the one before it is at or before `t`."""
     n = state.of[k, _ORDERED]
     index = n
@@ -159,7 +159,7 @@ def _ordered_after(state, k, t):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _stands_for(state, slower, position, max_gap_us):  # type: ignore[no-untyped-def]
+def _stands_for(state, slower, position, max_gap_us):  # type: ignore[no-untyped-def]  # typed by numba
     """Time since the slower stream's sample before the one at `position`, three periods at the most.
 
     0 for one that came late: the one behind it stands for its time already.
@@ -177,7 +177,7 @@ def _stands_for(state, slower, position, max_gap_us):  # type: ignore[no-untyped
 
 
 @helper
-def _pair_waiting(state, k, trigger, max_gap_us, matches, n):  # type: ignore[no-untyped-def]
+def _pair_waiting(state, k, trigger, max_gap_us, matches, n):  # type: ignore[no-untyped-def]  # typed by numba
     """Pair the waiting samples of the slower stream `k` that the other stream has by now passed."""
     other = 1 - k
     left = 0

@@ -139,6 +139,7 @@ class _Line:
         self.raises = 0
         self.state = State.NORMAL  # as of what has been told
         self.told = False  # whether the excursion was told as raised
+        self.joins = False  # whether it belongs to the last one
         self.beside = False  # whether it stands, untold, beside an alarm of the same check
 
     @property
@@ -251,6 +252,7 @@ class Desk:
         line.state = after
         if after in PENDING and before not in PENDING:
             line.told = line.beside = False
+            line.joins = line.last is not None and self._announcer.belongs_to_last(line.name, change.t_boot_us)
             line.record = self._new_record(line)
             if self._severer(line) is None and not self._is_shelved(line):
                 line.record.show(change.worst)
@@ -280,7 +282,8 @@ class Desk:
             return
         line.beside = False
         grouped = self._announcer.group(line.name, change.t_boot_us)
-        if grouped in ("repeat", "chatter") and line.last is not None:
+        if line.joins and line.last is not None:
+            grouped = grouped or "repeat"
             record = line.record = line.last
             record.repeats += 1
             record.cleared_boot_s, record.acknowledged = None, False
@@ -305,8 +308,9 @@ class Desk:
         return next((other for other in same if other.state in busy), None)
 
     def _new_record(self, line: _Line) -> AlarmRecord:
-        number = "" if line.tier.name in ("pairs", "alarm") else "-" + line.tier.name.replace(" ", "-").lower()
-        name = f"{self._key[0]}.{self._key[1]}-{line.check.name}{number}-{self._boot}-{line.raises + 1}"
+        tier = "" if line.tier.name in ("pairs", "alarm") else "-" + line.tier.name.replace(" ", "-").lower()
+        number = line.raises if line.joins else line.raises + 1
+        name = f"{self._key[0]}.{self._key[1]}-{line.check.name}{tier}-{self._boot}-{number}"
         record = AlarmRecord(name, line.check.name, line.tier.severity, self._boot, line.tier.what, line.check.is_not)
         record.unit = line.tier.unit or line.check.unit
         return record
@@ -389,7 +393,7 @@ class Desk:
 
     def _of(self, alarm_id: str) -> tuple[_Line | None, AlarmRecord]:
         for line in self._lines:
-            for record in (line.record, line.last):
+            for record in (line.last, line.record):  # what repeats the last has its id
                 if record is not None and record.id == alarm_id:
                     return line, record
         for record in self.alarms:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from gcs_bridge import attitude
 from gcs_bridge.align import Pairs, Steps
 from gcs_bridge.liveness import Timeline, Turn
-from gcs_bridge.lookup import Track
+from gcs_bridge.lookup import Answers, Lookup, Track, in_order, no_track
 from gcs_bridge.samples import AttitudeSamples, ImuSamples
 from gcs_bridge.settings import GravitySettings
 from gcs_bridge.told import LandedSet, Latest, ModeSet, Told
@@ -33,9 +35,10 @@ class Flight:
     streams with the ordinals of their later samples. `attitude`: the one attitude that others are compared with, rows
     of q_nb and body rates. `imu`: n samples of one inertial sensor; (n,) whether the vehicle `may_rest` then by what it
     says itself, and whether it `stands` on the ground; `trim_b_rad` (n, 3) the turn from the body's axes to the
-    sensor's. `secondary`: of the second estimate. `fixed_wing`, `ardupilot`: 1 or 0 by frame, NaN before a heartbeat
-    said so. `turns`: what started, went stale or resumed; `line`: all timed messages, with the vehicle's frames `lost`
-    and `received` by each. `told`: what the vehicle said of itself.
+    sensor's. `seen`: those of the sensor's samples, of this batch or before, whose attitude is known now. `secondary`:
+    of the second estimate. `fixed_wing`, `ardupilot`: 1 or 0 by frame, NaN before a heartbeat said so. `turns`: what
+    started, went stale or resumed; `line`: all timed messages, with the vehicle's frames `lost` and `received` by each.
+    `told`: what the vehicle said of itself.
     """
 
     euler: AttitudeSamples
@@ -51,6 +54,7 @@ class Flight:
     may_rest: Mask
     stands: Mask
     trim_b_rad: Floats
+    seen: SeenImu
     secondary: Secondary
     fixed_wing: Latest
     ardupilot: Latest
@@ -59,6 +63,102 @@ class Flight:
     lost: Int64s
     received: Int64s
     told: list[Told]
+
+
+def attitude_at(found: Answers) -> Floats:
+    """The attitudes (n, 4) at the queries' times; along the shortest way where no rates are reported."""
+    rates = [np.nan_to_num(rows[:, 4:7]) for rows in (found.before.rows, found.after.rows)]
+    q0, q1 = found.before.rows[:, :4], found.after.rows[:, :4]
+    bent = rates[0].any(axis=1) & rates[1].any(axis=1) & (found.gap_s > 0)
+    q_nb = attitude.slerp(q0, q1, found.place)
+    q_nb[bent] = attitude.hermite(
+        q0[bent], q1[bent], rates[0][bent], rates[1][bent], dt_s=found.gap_s[bent], u=found.place[bent]
+    )[0]
+    return q_nb
+
+
+@dataclass(frozen=True)
+class SeenImu:
+    """Inertial samples with the attitude at their times, n, in order of time; those that came late are left out.
+
+    `t_boot_us`, `t_rx_us` (n,) of the sample; `ordinal` (n,) of the frame that completed it; `f_b_m_s2`, `w_b_rad_s`,
+    `m_b_gauss` (n, 3) as measured; `trim_b_rad`, `may_rest`, `stands` as in a Flight; `q_nb` (n, 4) the attitude;
+    `w0_b_rad_s`, `w1_b_rad_s` (n, 3) its rates on both sides, `gap_s` (n,) from one to the other, and `place` (n,) the
+    share of the gap that has passed.
+    """
+
+    t_boot_us: Int64s
+    t_rx_us: Int64s
+    ordinal: Int64s
+    f_b_m_s2: Floats
+    w_b_rad_s: Floats
+    m_b_gauss: Floats
+    trim_b_rad: Floats
+    may_rest: Mask
+    stands: Mask
+    q_nb: Floats
+    w0_b_rad_s: Floats
+    w1_b_rad_s: Floats
+    gap_s: Floats
+    place: Floats
+
+    def __len__(self) -> int:
+        return len(self.t_boot_us)
+
+    def __getitem__(self, rows: Any) -> SeenImu:
+        """The samples of a slice, mask or index array."""
+        return SeenImu(**{column.name: getattr(self, column.name)[rows] for column in fields(self)})
+
+    @classmethod
+    def joined(cls, parts: Sequence[SeenImu]) -> SeenImu:
+        """All of `parts`, one or more, one behind the other."""
+        return cls(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)})
+
+
+class ImuLookup:
+    """Finds the attitude at the times of inertial samples, within one boot."""
+
+    def __init__(self) -> None:
+        """Start before the boot's first sample."""
+        self._lookup = Lookup(_SEEN_WIDTH, ATTITUDE_WIDTH, MAX_GAP_US)
+        self._latest_us = -1
+
+    def feed(self, series: Track, imu: Inertial | None, trim_b_rad: Floats, may_rest: Mask, stands: Mask) -> SeenImu:
+        """Take attitudes and samples as they came; return the samples whose attitude is known by now."""
+        queries = no_track(_SEEN_WIDTH)
+        if imu is not None:
+            of = imu.samples
+            told = np.column_stack((may_rest, stands, of.t_rx_us)).astype(np.float64)
+            rows = np.hstack((of.f_b_m_s2, of.w_b_rad_s, of.m_b_gauss, trim_b_rad, told))
+            queries = Track(of.t_boot_us, imu.ordinal, rows)
+        found = self._lookup.feed(series, queries)
+        rows = found.query.rows
+        picked = in_order(found.query.t_us, self._latest_us)
+        if len(picked):
+            self._latest_us = int(found.query.t_us[picked[-1]])
+        seen = SeenImu(
+            found.query.t_us,
+            rows[:, 14].astype(np.int64),
+            found.ordinal,
+            rows[:, :3],
+            rows[:, 3:6],
+            rows[:, 6:9],
+            rows[:, 9:12],
+            rows[:, 12] != 0,
+            rows[:, 13] != 0,
+            attitude_at(found),
+            found.before.rows[:, 4:],
+            found.after.rows[:, 4:],
+            found.gap_s,
+            found.place,
+        )
+        return seen if len(picked) == len(seen) else seen[picked]
+
+
+MAX_GAP_US = 1_000_000
+"""Between attitudes further apart none is known."""
+
+_SEEN_WIDTH = 15  # of a query: force, rates, field, trim; whether it may rest, whether it stands; receive time
 
 
 class OneAttitude:

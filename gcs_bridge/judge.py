@@ -19,7 +19,7 @@ from gcs_bridge.checks.stream import StreamCheck
 from gcs_bridge.desk import AlarmRecord, Desk, Moment, SignalAt
 from gcs_bridge.events import Notice, Rank, in_order, make_event, utc
 from gcs_bridge.expected import Corrected, Expected
-from gcs_bridge.flight import Flight, OneAttitude, OneImu, Stillness
+from gcs_bridge.flight import Flight, ImuLookup, OneAttitude, OneImu, Stillness
 from gcs_bridge.inquiry import Inquiry, Sent
 from gcs_bridge.liveness import OTHER, LinkClock, Liveness, Timeline, Turn
 from gcs_bridge.mavlink.requests import request_command
@@ -91,6 +91,7 @@ class _Boot:
         self.inquiry = Inquiry(settings)
         self.asked: dict[str, AlarmRecord] = {}  # alarms that stand, about which the doctor is asked
         self.imu = OneImu()
+        self.imu_lookup = ImuLookup()
         self.alive = [False, False]  # the two streams
         self.no_compare_told = False
 
@@ -273,6 +274,10 @@ class VehicleJudge:
         yield from notices
 
         imu = self._imu_of(boot, batch)
+        sensed = np.empty(0, np.int64) if imu is None else imu.ordinal
+        may_rest, stands = self._stillness.at(sensed)
+        trim_b_rad = self._trim_at(sensed)
+        attitudes = boot.attitude.take(euler, at[0], segment.quaternion, at[1])
         secondary = _of_boot(batch.secondary, boot)
         valid_at = (at[0][euler.valid], at[1][segment.quaternion.valid])
         flight = Flight(
@@ -284,10 +289,12 @@ class VehicleJudge:
             segment.ordinal[paired[aligned.pairs.trigger]],
             aligned.steps,
             (valid_at[0][aligned.steps[0].row], valid_at[1][aligned.steps[1].row]),
-            boot.attitude.take(euler, at[0], segment.quaternion, at[1]),
+            attitudes,
             imu,
-            *self._stillness.at(np.empty(0, np.int64) if imu is None else imu.ordinal),
-            self._trim_at(imu.ordinal) if imu is not None else np.empty((0, 3)),
+            may_rest,
+            stands,
+            trim_b_rad,
+            boot.imu_lookup.feed(attitudes, imu, trim_b_rad, may_rest, stands),
             secondary,
             self._fixed_wing,
             self._ardupilot,

@@ -109,3 +109,9 @@ class Lookup:
             kept = min(int(np.searchsorted(held.t_us, keep_us)), len(held) - 1)
             self._series = held[kept:]
         return found
+
+
+def in_order(t_us: Int64s, latest_us: int) -> Int64s:
+    """The rows of samples that are later than all before them."""
+    latest = np.maximum.accumulate(np.concatenate(([latest_us], t_us)))
+    return np.flatnonzero(t_us > latest[:-1])

@@ -324,6 +324,7 @@ def between(observation: Observation, first: int, end: int) -> Observation:
             may_rest=flight.may_rest[sensed],
             stands=flight.stands[sensed],
             trim_b_rad=flight.trim_b_rad[sensed],
+            seen=flight.seen[of(flight.seen.ordinal)],
             secondary=Secondary(secondary.samples[behind], secondary.ordinal[behind], secondary.gap_us[behind]),
             line=Timeline(*(column[messages] for column in flight.line)),
             lost=flight.lost[messages],

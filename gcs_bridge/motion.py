@@ -7,24 +7,16 @@ comes out does not depend on how the samples were cut into batches.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
-from gcs_bridge.checks.protocol import attitude_at, in_order
-from gcs_bridge.flight import ATTITUDE_WIDTH, Flight
-from gcs_bridge.lookup import Lookup, Track, no_track
+from gcs_bridge.flight import MAX_GAP_US, Flight, SeenImu
 
 Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
-
-MAX_GAP_US = 1_000_000
-"""Between attitudes further apart none is known; between samples further apart, what was known since a rest is lost."""
-
-_WIDTH = 8  # of a query: force, rates, whether it stands by what the vehicle says itself, receive time
 
 
 @dataclass(frozen=True)
@@ -67,9 +59,8 @@ class MotionTracker:
         """
         self._hold_us = hold_us
         self._worked_us = -1
-        self._series: list[Track] = []
-        self._queries: list[Track] = []
-        self._lookup = Lookup(_WIDTH, ATTITUDE_WIDTH, MAX_GAP_US)
+        self._now_us = -1
+        self._held: list[SeenImu] = []
         self._latest_us = -MAX_GAP_US - 1
         self._watch = attitude.RestWatch()
         self._reckoner = attitude.DeadReckoner()
@@ -80,45 +71,38 @@ class MotionTracker:
 
         Samples without a meaning, or not later than one before them, are left out.
         """
-        self._series.append(flight.attitude)
-        if flight.imu is not None:
-            samples = flight.imu.samples
-            f_b = attitude.rotate(attitude.quaternion_from_rotvec(flight.trim_b_rad), samples.f_b_m_s2)
-            rows = np.column_stack((f_b, samples.w_b_rad_s, flight.stands, samples.t_rx_us))
-            usable = np.asarray(np.isfinite(f_b).all(axis=1))
-            self._queries.append(Track(samples.t_boot_us, flight.imu.ordinal, rows)[usable])
-        now_us = max((int(track.t_us[-1]) for track in (*self._series, *self._queries) if len(track)), default=-1)
-        if abs(now_us - self._worked_us) < self._hold_us:
+        if len(flight.seen):
+            self._held.append(flight.seen)
+            self._now_us = int(flight.seen.t_boot_us[-1])
+        if abs(self._now_us - self._worked_us) < self._hold_us:
             return None
-        self._worked_us = now_us
+        self._worked_us = self._now_us
         return self.flush()
 
     def flush(self) -> MotionSamples | None:
         """The same for all that was held."""
-        series = reduce(Track.then, self._series, no_track(ATTITUDE_WIDTH))
-        queries = reduce(Track.then, self._queries, no_track(_WIDTH))
-        self._series, self._queries = [], []
-        found = self._lookup.feed(series, queries)
-        rows = in_order(found.query.t_us, self._latest_us)
-        if not len(rows):
+        if not self._held:
             return None
-        w_b = found.query.rows[rows, 3:6]
-        measured = np.isfinite(w_b).all(axis=1, keepdims=True)
-        w_b = np.where(measured, w_b, found.after.rows[rows, 4:])
-        return self._moved(found.query[rows], attitude_at(found)[rows], w_b)
+        seen = SeenImu.joined(self._held)
+        self._held = []
+        f_b = attitude.rotate(attitude.quaternion_from_rotvec(seen.trim_b_rad), seen.f_b_m_s2)
+        usable = np.isfinite(f_b).all(axis=1)
+        return self._moved(seen[usable], f_b[usable]) if usable.any() else None
 
-    def _moved(self, imu: Track, q_nb: Floats, w_b: Floats) -> MotionSamples:
-        t_s, f_b = np.asarray(imu.t_us * 1e-6, np.float64), imu.rows[:, :3]
-        stands = (imu.rows[:, 6] != 0) & attitude.may_stand_still(q_nb, f_b)
+    def _moved(self, seen: SeenImu, f_b: Floats) -> MotionSamples:
+        t_s, q_nb = np.asarray(seen.t_boot_us * 1e-6, np.float64), seen.q_nb
+        measured = np.isfinite(seen.w_b_rad_s).all(axis=1, keepdims=True)
+        w_b = np.where(measured, seen.w_b_rad_s, seen.w1_b_rad_s)
+        stands = seen.stands & attitude.may_stand_still(q_nb, f_b)
         resting = self._watch.feed(t_s, f_b, w_b, stands)
         reckoned = self._reckoner.feed(t_s, q_nb, f_b, resting)
-        unknown = ~self._since_rest(imu.t_us, resting)
+        unknown = ~self._since_rest(seen.t_boot_us, resting)
         for part in reckoned:
             part[unknown] = np.nan
         down_b = attitude.down_from_specific_force(f_b)
         return MotionSamples(
-            t_boot_us=imu.t_us,
-            t_rx_us=imu.rows[:, 7].astype(np.int64),
+            t_boot_us=seen.t_boot_us,
+            t_rx_us=seen.t_rx_us,
             a_h_m_s2=attitude.acceleration_level(q_nb, f_b),
             v_h_m_s=attitude.level_from_ned(q_nb, reckoned.velocity_n_m_s),
             d_h_m=attitude.level_from_ned(q_nb, reckoned.displacement_n_m),

@@ -17,8 +17,9 @@ from msgspec.structs import replace
 
 from gcs_bridge import attitude
 from gcs_bridge.align import Pairs
-from gcs_bridge.checks.protocol import Check, Ratings, SlidingSums, Tier, finite, in_order, length, rated
+from gcs_bridge.checks.protocol import Check, Ratings, SlidingSums, Tier, finite, length, rated
 from gcs_bridge.flight import Flight
+from gcs_bridge.lookup import in_order
 from gcs_bridge.settings import AlarmSettings, EulerQuaternionSettings
 from gcs_bridge.statistics import Quantiles
 

@@ -6,7 +6,7 @@ In flight an accelerometer feels every force but gravity, so there only gross di
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -14,35 +14,20 @@ from msgspec.structs import replace
 
 from gcs_bridge import attitude
 from gcs_bridge.attitude import RestWatch
-from gcs_bridge.checks.protocol import (
-    Break,
-    Check,
-    Ratings,
-    SlidingSums,
-    Tier,
-    Usable,
-    attitude_at,
-    finite,
-    in_order,
-    length,
-    rated,
-)
-from gcs_bridge.flight import ATTITUDE_WIDTH, Flight
-from gcs_bridge.lookup import Lookup, Track, no_track
+from gcs_bridge.checks.protocol import ImuCheck, Ratings, SlidingSums, Tier, finite, length, rated
+from gcs_bridge.flight import Flight
 from gcs_bridge.settings import AlarmSettings, GravitySettings
 
 Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-_MAX_GAP_US = 1_000_000
-_WIDTH = 10  # of a query: force, rates, trim, whether it may rest
 
-
-class Gravity(Check):
+class Gravity(ImuCheck):
     """The check over one vehicle."""
 
     name: ClassVar[str] = "gravity"
+    judges: ClassVar[Literal["f_b_m_s2", "w_b_rad_s"]] = "f_b_m_s2"
     is_not: ClassVar[str] = "not the heading, which gravity cannot show"
     agrees: ClassVar[str] = "at rest the accelerometer and the attitude see the same down"
 
@@ -52,8 +37,6 @@ class Gravity(Check):
         self._settings = settings
         self._delays = delays
         self._at_once = replace(delays, on_delay_s=0.0)
-        self._scale: str | None = None
-        self._usable = Usable()
         self._start()
 
     @property
@@ -73,35 +56,21 @@ class Gravity(Check):
         self._start()
 
     def _start(self) -> None:
-        self._lookup = Lookup(_WIDTH, ATTITUDE_WIDTH, _MAX_GAP_US)
         self._rest = RestWatch()
         self._sums = SlidingSums(self._settings.gross_window_s, 6)
-        self._latest_us = -1
         self._loud_us = -1
 
     def judge(self, flight: Flight) -> Iterator[Ratings]:
         """Rate each sample of the IMU by the attitude at its time."""
-        queries = no_track(_WIDTH)
-        self._usable.breaks = []
-        if flight.imu is not None:
-            samples = flight.imu.samples
-            self._scale = samples.scale
-            usable = finite(samples.f_b_m_s2)
-            self._usable.follow(usable, samples.t_boot_us, flight.imu.ordinal)
-            may_rest = flight.may_rest[:, None].astype(np.float64)
-            rows = np.hstack((samples.f_b_m_s2, samples.w_b_rad_s, flight.trim_b_rad, may_rest))
-            queries = Track(samples.t_boot_us, flight.imu.ordinal, rows)[usable]
-        found = self._lookup.feed(flight.attitude, queries)
-        picked = in_order(found.query.t_us, self._latest_us)
-        if not len(picked):
+        self._follow_scale(flight)
+        seen = flight.seen[finite(flight.seen.f_b_m_s2)]
+        if not len(seen):
             return
-        t_us, ordinal, rows = found.query.t_us[picked], found.ordinal[picked], found.query.rows[picked]
-        self._latest_us = int(t_us[-1])
+        t_us, ordinal, force = seen.t_boot_us, seen.ordinal, seen.f_b_m_s2
         # The IMU's axes are the body's before the trim: both downs are compared there.
-        force, rates, trim, may_rest = rows[:, :3], rows[:, 3:6], rows[:, 6:9], rows[:, 9] != 0
-        q_nb = attitude.multiply(attitude_at(found)[picked], attitude.quaternion_from_rotvec(trim))
-        reported = np.where(finite(rates)[:, None], rates, found.after.rows[picked, 4:])
-        resting = self._rest.feed(t_us * 1e-6, force, reported, may_rest)
+        q_nb = attitude.multiply(seen.q_nb, attitude.quaternion_from_rotvec(seen.trim_b_rad))
+        reported = np.where(finite(seen.w_b_rad_s)[:, None], seen.w_b_rad_s, seen.w1_b_rad_s)
+        resting = self._rest.feed(t_us * 1e-6, force, reported, seen.may_rest)
         value = attitude.accelerometer_tilt(q_nb, force)
         down = attitude.body_down(q_nb)
         self._watch(t_us, value, resting & np.isfinite(value))
@@ -133,25 +102,11 @@ class Gravity(Check):
         detail = _between_downs(mean_down[known], mean_force[known], angle)
         return Ratings("gross", rated(t_us[rows], ordinal[rows], angle, settings.gross_rad, self._at_once, detail))
 
-    @property
-    def broken(self) -> str | None:
-        """Why the accelerometer's numbers mean nothing."""
-        return self._scale if self._usable.broken else None
-
-    def breaks(self) -> list[Break]:
-        """Where the IMU's numbers lost or got their meaning."""
-        return self._usable.breaks
-
     def why_not(self) -> str:
         """Why nothing was judged."""
         if self._scale is None:
             return "no message with an accelerometer was received"
         return "the vehicle was never known to be at rest for 3 s while its attitude came"
-
-    @property
-    def remark(self) -> str | None:
-        """The unit that was taken for the numbers, where none is defined."""
-        return self._scale if self._scale is not None and self._scale.startswith("assumed") else None
 
 
 def _between_downs(down: Floats, force: Floats, angle: Floats) -> Floats:

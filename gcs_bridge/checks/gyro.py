@@ -8,27 +8,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.checks.protocol import Break, Check, Ratings, Tier, Turning, Usable, along, finite, length, rated
-from gcs_bridge.flight import ATTITUDE_WIDTH, Flight
-from gcs_bridge.lookup import Lookup, Track, no_track
+from gcs_bridge.checks.protocol import ImuCheck, Ratings, Tier, Turning, along, finite, length, rated
+from gcs_bridge.flight import Flight
 from gcs_bridge.mavlink.jit import kernel
 from gcs_bridge.settings import AlarmSettings, GyroSettings
 
 Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
 
-_MAX_GAP_US = 1_000_000
 _BLOCK_US = 10_000_000  # after so long, the lag between the clocks is estimated anew
 _LEAST_CHANGE_RAD_S2 = math.radians(20.0)  # on average, before a lag can be told
 _LONGEST_LAG_S = 0.1
 
 # Slots of the kernel's state.
-_STARTED, _FIRST_US, _LAST_US, _BLOCK_END_US, _LAG_S, _MOVED, _SQUARES, _COUNT, _BIAS = range(9)
+_STARTED, _FIRST_US, _LAST_US, _BLOCK_END_US, _LAG_S, _ALONG, _SQUARES, _COUNT, _BIAS = range(9)  # the bias has three
 
 
 @kernel
@@ -41,32 +39,34 @@ def follow_bias(
     constant `bias_time_s`, faster in the beginning; a sample is judged by what was known before it.
     """
     for i in range(t_us.size):
-        if state[0] == 0.0:
-            state[0], state[1], state[2], state[3] = 1.0, t_us[i], t_us[i], t_us[i] + block_us
+        if state[_STARTED] == 0.0:
+            state[_STARTED], state[_BLOCK_END_US] = 1.0, t_us[i] + block_us
+            state[_FIRST_US], state[_LAST_US] = t_us[i], t_us[i]
             for axis in range(3):
-                state[8 + axis] = difference[i, axis]
-        if t_us[i] >= state[3]:
-            if state[7] > 0 and state[6] > _LEAST_CHANGE_RAD_S2**2 * state[7]:
-                lag = state[4] + state[5] / state[6]
-                state[4] = min(max(lag, -_LONGEST_LAG_S), _LONGEST_LAG_S)
-            state[5], state[6], state[7], state[3] = 0.0, 0.0, 0.0, t_us[i] + block_us
-        age_s = max((t_us[i] - state[1]) * 1e-6, 0.0)
-        step_s = max((t_us[i] - state[2]) * 1e-6, 0.0)
-        state[2] = max(t_us[i], state[2])
+                state[_BIAS + axis] = difference[i, axis]
+        if t_us[i] >= state[_BLOCK_END_US]:
+            if state[_COUNT] > 0 and state[_SQUARES] > _LEAST_CHANGE_RAD_S2**2 * state[_COUNT]:
+                lag = state[_LAG_S] + state[_ALONG] / state[_SQUARES]
+                state[_LAG_S] = min(max(lag, -_LONGEST_LAG_S), _LONGEST_LAG_S)
+            state[_ALONG], state[_SQUARES], state[_COUNT], state[_BLOCK_END_US] = 0.0, 0.0, 0.0, t_us[i] + block_us
+        age_s = max((t_us[i] - state[_FIRST_US]) * 1e-6, 0.0)
+        step_s = max((t_us[i] - state[_LAST_US]) * 1e-6, 0.0)
+        state[_LAST_US] = max(t_us[i], state[_LAST_US])
         share = step_s / max(min(age_s, bias_time_s), 1e-3)
-        state[7] += 1.0
+        state[_COUNT] += 1.0
         for axis in range(3):
-            rest = difference[i, axis] - state[4] * change[i, axis]
-            out[i, axis] = rest - state[8 + axis]
-            state[5] += out[i, axis] * change[i, axis]
-            state[6] += change[i, axis] ** 2
-            state[8 + axis] += min(share, 1.0) * out[i, axis]
+            rest = difference[i, axis] - state[_LAG_S] * change[i, axis]
+            out[i, axis] = rest - state[_BIAS + axis]
+            state[_ALONG] += out[i, axis] * change[i, axis]
+            state[_SQUARES] += change[i, axis] ** 2
+            state[_BIAS + axis] += min(share, 1.0) * out[i, axis]
 
 
-class Gyro(Check):
+class Gyro(ImuCheck):
     """The check over one vehicle."""
 
     name: ClassVar[str] = "gyro"
+    judges: ClassVar[Literal["f_b_m_s2", "w_b_rad_s"]] = "w_b_rad_s"
     unit: ClassVar[str] = "deg/s"
     is_not: ClassVar[str] = "not a convention or encoding of the attitude: rates are compared with rates"
     agrees: ClassVar[str] = "the IMU's gyro and the attitude's rates agree, but for a slow bias"
@@ -76,8 +76,6 @@ class Gyro(Check):
         super().__init__()
         self._settings = settings
         self._delays = delays
-        self._scale: str | None = None
-        self._usable = Usable()
         self._start()
 
     @property
@@ -92,33 +90,24 @@ class Gyro(Check):
         self._start()
 
     def _start(self) -> None:
-        self._lookup = Lookup(3, ATTITUDE_WIDTH, _MAX_GAP_US)
-        self._state = np.zeros(11)
+        self._state = np.zeros(_BIAS + 3)
         self._turning = Turning()
         self._first_us: int | None = None
 
     def judge(self, flight: Flight) -> Iterator[Ratings]:
         """Rate each sample of the IMU between two of the attitude."""
-        queries = no_track(3)
-        self._usable.breaks = []
-        if flight.imu is not None:
-            samples = flight.imu.samples
-            self._scale = samples.scale
-            usable = finite(samples.w_b_rad_s)
-            self._usable.follow(usable, samples.t_boot_us, flight.imu.ordinal)
-            queries = Track(samples.t_boot_us, flight.imu.ordinal, samples.w_b_rad_s)[usable]
-        found = self._lookup.feed(flight.attitude, queries)
-        before, after, u = found.before.rows[:, 4:], found.after.rows[:, 4:], found.place[:, None]
+        self._follow_scale(flight)
+        seen = flight.seen[finite(flight.seen.w_b_rad_s)]
         # Beyond what gyros can measure, and where the int16 of the wire starts anew (32.767 rad/s), they tell nothing,
         # of their bias neither.
-        fast = np.maximum(length(before), length(after)) >= self._settings.usable_below_rad_s
-        told = self._turning.told_by_rates(before, after, found.gap_s)
-        reported = before.any(axis=1) & after.any(axis=1) & finite(before + after) & ~fast & told
-        found_t, ordinal = found.query.t_us[reported], found.ordinal[reported]
-        before, after, u = before[reported], after[reported], u[reported]
-        measured, rates = found.query.rows[reported], before + u * (after - before)
-        difference = measured - rates
-        change = (after - before) / np.maximum(found.gap_s[reported], 1e-3)[:, None]
+        speeds = length(seen.w0_b_rad_s), length(seen.w1_b_rad_s)
+        told = self._turning.told_by_rates(seen.w0_b_rad_s, seen.w1_b_rad_s, seen.gap_s)
+        told &= (speeds[0] > 0) & (speeds[1] > 0) & (np.maximum(*speeds) < self._settings.usable_below_rad_s)
+        seen = seen[told]
+        found_t, ordinal = seen.t_boot_us, seen.ordinal
+        step = seen.w1_b_rad_s - seen.w0_b_rad_s
+        difference = seen.w_b_rad_s - (seen.w0_b_rad_s + seen.place[:, None] * step)
+        change = step / np.maximum(seen.gap_s, 1e-3)[:, None]
         rest = np.empty_like(difference)
         follow_bias(found_t, difference, change, self._settings.bias_time_s, _BLOCK_US, self._state, rest)
         if self._first_us is None and len(found_t):
@@ -127,29 +116,15 @@ class Gyro(Check):
         value = length(rest)
         judged = found_t >= since_us
         self._watch(found_t, value, judged)
-        allowed = length(after - before)[judged]
+        allowed = length(step)[judged]
         detail = along(rest[judged])
         for tier, limit in (("warning", self._settings.warning_rad_s), ("alarm", self._settings.alarm_rad_s)):
             yield Ratings(
                 tier, rated(found_t[judged], ordinal[judged], value[judged], limit + allowed, self._delays, detail)
             )
 
-    @property
-    def broken(self) -> str | None:
-        """Why the gyro's numbers mean nothing."""
-        return self._scale if self._usable.broken else None
-
-    def breaks(self) -> list[Break]:
-        """Where the IMU's numbers lost or got their meaning."""
-        return self._usable.breaks
-
     def why_not(self) -> str:
         """Why nothing was judged."""
         if self._scale is None:
             return "no message with a gyro was received"
         return f"no gyro sample came between two attitudes with rates ({self._scale})"
-
-    @property
-    def remark(self) -> str | None:
-        """The unit that was taken for the numbers, where none is defined."""
-        return self._scale if self._scale is not None and self._scale.startswith("assumed") else None

@@ -13,12 +13,10 @@ from typing import ClassVar
 import numpy as np
 
 from gcs_bridge import attitude
-from gcs_bridge.checks.protocol import Check, Ratings, Tier, attitude_at, in_order, length
-from gcs_bridge.flight import ATTITUDE_WIDTH, Flight
-from gcs_bridge.lookup import Lookup, Track, no_track
+from gcs_bridge.checks.protocol import Check, Ratings, Tier, length
+from gcs_bridge.flight import Flight
 from gcs_bridge.settings import MagHeadingSettings
 
-_MAX_GAP_US = 1_000_000
 _LEAST_GAUSS = 0.01  # the earth's field is 0.2 to 0.7: what reads less is no compass
 
 
@@ -33,7 +31,6 @@ class MagHeading(Check):
         """Start with nothing judged."""
         super().__init__()
         self._settings = settings
-        self._came = False
         self._start()
 
     @property
@@ -47,30 +44,19 @@ class MagHeading(Check):
         self._start()
 
     def _start(self) -> None:
-        self._lookup = Lookup(3, ATTITUDE_WIDTH, _MAX_GAP_US)
         self._first_us: int | None = None
-        self._latest_us = -1
         self._mean = np.zeros((1, 2))  # running sum of the difference's direction
 
     def judge(self, flight: Flight) -> Iterator[Ratings]:
         """Follow the difference; nothing is rated."""
-        queries = no_track(3)
-        if flight.imu is not None:
-            field = flight.imu.samples.m_b_gauss
-            usable = np.sqrt(field[:, 0] ** 2 + field[:, 1] ** 2 + field[:, 2] ** 2) > _LEAST_GAUSS
-            queries = Track(flight.imu.samples.t_boot_us, flight.imu.ordinal, field)[usable]
-            self._came |= bool(usable.any())
-        found = self._lookup.feed(flight.attitude, queries)
-        picked = in_order(found.query.t_us, self._latest_us)
-        if not len(picked):
+        seen = flight.seen[length(flight.seen.m_b_gauss) > _LEAST_GAUSS]
+        if not len(seen):
             return
-        t_us = found.query.t_us[picked]
-        self._latest_us = int(t_us[-1])
+        t_us = seen.t_boot_us
         if self._first_us is None:
             self._first_us = int(t_us[0])
         # With the attitude's own heading the field lies in one direction: north, but for the constant difference.
-        attitude_nb = attitude_at(found)[picked]
-        field_n = attitude.rotate(attitude_nb, found.query.rows[picked])
+        field_n = attitude.rotate(seen.q_nb, seen.m_b_gauss)
         size = np.hypot(field_n[:, 0], field_n[:, 1])
         direction = np.divide(field_n[:, :2], size[:, None], out=np.zeros((len(size), 2)), where=size[:, None] > 0)
         sums = np.cumsum(np.concatenate((self._mean[-1:], direction)), axis=0)
@@ -78,14 +64,14 @@ class MagHeading(Check):
         mean = sums[:-1]
         cross = mean[:, 0] * direction[:, 1] - mean[:, 1] * direction[:, 0]
         value = np.abs(np.arctan2(cross, (mean * direction).sum(axis=1)))
-        rates, down = np.nan_to_num(found.after.rows[picked, 4:7]), attitude.body_down(attitude_nb)
+        rates, down = np.nan_to_num(seen.w1_b_rad_s), attitude.body_down(seen.q_nb)
         calm = (length(rates) < self._settings.quiet_below_rad_s) & (down[:, 2] > np.cos(self._settings.quiet_bank_rad))
         self._watch(t_us, value, calm & (t_us - self._first_us >= self._settings.skipped_s * 1e6) & (size > 0))
         yield from ()
 
     def why_not(self) -> str:
         """Why nothing was judged."""
-        return "no magnetic field of known unit was received" if not self._came else "too little of it was received"
+        return "too little of a magnetic field of known unit was received while the vehicle flew calmly"
 
     @property
     def remark(self) -> str | None:

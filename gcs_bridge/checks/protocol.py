@@ -13,7 +13,6 @@ import numpy.typing as npt
 from gcs_bridge import attitude
 from gcs_bridge.alarms import Rated
 from gcs_bridge.flight import Flight
-from gcs_bridge.lookup import Answers
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.statistics import Quantiles
 
@@ -189,18 +188,6 @@ def along(vector_b: Floats) -> Floats:
     return np.hstack((np.full((len(vector_b), 2), np.nan), vector_b))
 
 
-def attitude_at(found: Answers) -> Floats:
-    """The attitudes (n, 4) at the queries' times; along the shortest way where no rates are reported."""
-    rates = [np.nan_to_num(rows[:, 4:7]) for rows in (found.before.rows, found.after.rows)]
-    q0, q1 = found.before.rows[:, :4], found.after.rows[:, :4]
-    bent = rates[0].any(axis=1) & rates[1].any(axis=1) & (found.gap_s > 0)
-    q_nb = attitude.slerp(q0, q1, found.place)
-    q_nb[bent] = attitude.hermite(
-        q0[bent], q1[bent], rates[0][bent], rates[1][bent], dt_s=found.gap_s[bent], u=found.place[bent]
-    )[0]
-    return q_nb
-
-
 class Turning:
     """How fast a stream turned of late: rates at the ends of a gap say nothing of it where it may have turned far."""
 
@@ -236,6 +223,40 @@ def length(v: Floats) -> Floats:
     return np.asarray(np.sqrt(v[:, 0] ** 2 + v[:, 1] ** 2 + v[:, 2] ** 2))
 
 
+class ImuCheck(Check):
+    """A check of an inertial sensor, whose numbers may mean nothing: RAW_IMU's unit is not always known."""
+
+    judges: ClassVar[Literal["f_b_m_s2", "w_b_rad_s"]]  # which of its numbers
+
+    def __init__(self) -> None:
+        """Start with no sensor heard."""
+        super().__init__()
+        self._scale: str | None = None
+        self._usable = Usable()
+
+    def _follow_scale(self, flight: Flight) -> None:
+        """Take in what the sensor's numbers mean."""
+        self._usable.breaks = []
+        if flight.imu is not None:
+            samples, ordinal = flight.imu
+            self._scale = samples.scale
+            self._usable.follow(finite(getattr(samples, self.judges)), samples.t_boot_us, ordinal)
+
+    @property
+    def broken(self) -> str | None:
+        """Why the sensor's numbers mean nothing."""
+        return self._scale if self._usable.broken else None
+
+    def breaks(self) -> list[Break]:
+        """Where the sensor's numbers lost or got their meaning."""
+        return self._usable.breaks
+
+    @property
+    def remark(self) -> str | None:
+        """The unit that was taken for the numbers, where none is defined."""
+        return self._scale if self._scale is not None and self._scale.startswith("assumed") else None
+
+
 class SlidingSums:
     """Sums of rows over the last seconds, within one boot."""
 
@@ -256,9 +277,3 @@ class SlidingSums:
         if len(t_us):
             self._t_us, self._sums = times[first[-1] :], totals[first[-1] :]
         return found
-
-
-def in_order(t_us: Int64s, latest_us: int) -> Int64s:
-    """The rows of samples that are later than all before them."""
-    latest = np.maximum.accumulate(np.concatenate(([latest_us], t_us)))
-    return np.flatnonzero(t_us > latest[:-1])

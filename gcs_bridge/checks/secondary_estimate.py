@@ -14,16 +14,15 @@ import numpy.typing as npt
 from msgspec.structs import replace
 
 from gcs_bridge import attitude
-from gcs_bridge.checks.protocol import Check, Ratings, Tier, attitude_at, between_attitudes, in_order, length, rated
-from gcs_bridge.flight import ATTITUDE_WIDTH, Flight
-from gcs_bridge.lookup import Lookup, Track
+from gcs_bridge.checks.protocol import Check, Ratings, Tier, between_attitudes, length, rated
+from gcs_bridge.flight import ATTITUDE_WIDTH, MAX_GAP_US, Flight, attitude_at
+from gcs_bridge.lookup import Lookup, Track, in_order
 from gcs_bridge.settings import AlarmSettings, SecondaryEstimateSettings
 
 Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-_MAX_GAP_US = 1_000_000
 _STAMP_BOUND_S = 0.001  # stamps are whole milliseconds
 
 
@@ -94,7 +93,7 @@ class SecondaryEstimate(Check):
         self._start()
 
     def _start(self) -> None:
-        self._lookup = Lookup(5, ATTITUDE_WIDTH + 1, _MAX_GAP_US)
+        self._lookup = Lookup(5, ATTITUDE_WIDTH + 1, MAX_GAP_US)
         self._quiet = _Since()
         self._parts = {"tilt": _Part(), "heading": _Part()}
         self._first_us: int | None = None

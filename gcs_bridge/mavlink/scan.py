@@ -98,7 +98,7 @@ CRC_TABLES = _crc_tables()
 
 
 @helper
-def _crc(buf, start, stop, crc):  # type: ignore[no-untyped-def]
+def _crc(buf, start, stop, crc):  # type: ignore[no-untyped-def]  # typed by numba
     t = CRC_TABLES
     i = start
     while stop - i >= 8:
@@ -113,7 +113,7 @@ def _crc(buf, start, stop, crc):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _crc_byte(crc, byte):  # type: ignore[no-untyped-def]
+def _crc_byte(crc, byte):  # type: ignore[no-untyped-def]  # typed by numba
     return (crc >> 8) ^ np.int64(CRC_TABLES[0, (crc ^ byte) & 0xFF])
 
 
@@ -124,7 +124,7 @@ def frame_crc(buf: Bytes, start: int, stop: int, crc_extra: int) -> int:
 
 
 @helper
-def _integer(buf, at, size):  # type: ignore[no-untyped-def]
+def _integer(buf, at, size):  # type: ignore[no-untyped-def]  # typed by numba
     """The little-endian unsigned integer of `size` bytes at `at`."""
     value = np.int64(0)
     for i in range(size):
@@ -133,7 +133,7 @@ def _integer(buf, at, size):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _head(buf, at, n):  # type: ignore[no-untyped-def]
+def _head(buf, at, n):  # type: ignore[no-untyped-def]  # typed by numba
     """(header, whole length, id, flags) of a frame that would start at `at`; whole length 0: none, −1: more bytes."""
     if at >= n:
         return 0, -1, 0, 0
@@ -151,7 +151,7 @@ def _head(buf, at, n):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _look(buf, at, n, row_of_id, crc_extra):  # type: ignore[no-untyped-def]
+def _look(buf, at, n, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # typed by numba
     """(what, header length, whole length, message id) of what stands at `at`."""
     header, whole, msgid, flags = _head(buf, at, n)
     if whole == 0:
@@ -171,7 +171,7 @@ def _look(buf, at, n, row_of_id, crc_extra):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _zero_padded(buf, at, header, msgid, row_of_id, crc_extra, field_end, anywhere):  # type: ignore[no-untyped-def]
+def _zero_padded(buf, at, header, msgid, row_of_id, crc_extra, field_end, anywhere):  # type: ignore[no-untyped-def]  # typed by numba
     """Whether the checksum at `at` was taken before the payload's trailing zeros were cut off (some recorders do so).
 
     Each length that is tried lets one bad frame in 65,536 through. So a payload is padded to the end of a field, as
@@ -199,7 +199,7 @@ def _zero_padded(buf, at, header, msgid, row_of_id, crc_extra, field_end, anywhe
 
 
 @helper
-def _time(buf, at):  # type: ignore[no-untyped-def]
+def _time(buf, at):  # type: ignore[no-untyped-def]  # typed by numba
     """The big-endian time at `at`, µs; −1 where it can be none (behind the year 2100)."""
     value = np.int64(0)
     for i in range(8):
@@ -208,13 +208,13 @@ def _time(buf, at):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _near(time, other):  # type: ignore[no-untyped-def]
+def _near(time, other):  # type: ignore[no-untyped-def]  # typed by numba
     """Whether two times, both known, lie within a day of each other."""
     return time >= 0 and other >= 0 and abs(time - other) <= _DAY_US
 
 
 @helper
-def _follows(buf, end, n, final, timed, time, last_time, row_of_id):  # type: ignore[no-untyped-def]
+def _follows(buf, end, n, final, timed, time, last_time, row_of_id):  # type: ignore[no-untyped-def]  # typed by numba
     """1 if another frame (in a recording: record) starts at `end`, 0 if not, −1 if more bytes are needed to tell."""
     at = end + 8 if timed else end
     if n <= at:
@@ -232,7 +232,7 @@ def _follows(buf, end, n, final, timed, time, last_time, row_of_id):  # type: ig
 
 
 @helper
-def _hides_a_frame(buf, start, end, timed, last_time, row_of_id, crc_extra):  # type: ignore[no-untyped-def]
+def _hides_a_frame(buf, start, end, timed, last_time, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # typed by numba
     """Whether a good frame lies within the bytes that a failed frame's length claims: then the length is wrong."""
     for at in range(start + 1, end):
         what, _, _, _ = _look(buf, at, end, row_of_id, crc_extra)
@@ -242,7 +242,7 @@ def _hides_a_frame(buf, start, end, timed, last_time, row_of_id, crc_extra):  # 
 
 
 @helper
-def _digest(buf, start, stop, digest):  # type: ignore[no-untyped-def]
+def _digest(buf, start, stop, digest):  # type: ignore[no-untyped-def]  # typed by numba
     """A 64-bit hash of the bytes and of what `digest` was, eight bytes at a time."""
     odd = np.uint64(0x9E3779B97F4A7C15)
     for i in range(start, stop, 8):
@@ -255,7 +255,7 @@ def _digest(buf, start, stop, digest):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _admit(frame, components, counts, buf, time):  # type: ignore[no-untyped-def]
+def _admit(frame, components, counts, buf, time):  # type: ignore[no-untyped-def]  # typed by numba
     """Follow the sequence of the frame's component: losses, and repetitions of the same frame within a second."""
     slot, last_seq, late_seq, lost, seen_hash, seen_us = components
     key = np.int64(frame.sysid) * 256 + np.int64(frame.compid)

@@ -16,12 +16,12 @@ import rerun as rr
 from gcs_bridge import attitude
 from gcs_bridge.causes import CAUSES
 from gcs_bridge.checks.euler_quaternion import Disagreement, EulerQuaternion
-from gcs_bridge.checks.protocol import in_order
 from gcs_bridge.desk import axis_of
 from gcs_bridge.diagnosis.hypotheses import Hypothesis
 from gcs_bridge.diagnosis.words import amount
 from gcs_bridge.events import Event
 from gcs_bridge.judge import Observation
+from gcs_bridge.lookup import in_order
 from gcs_bridge.viewer.rows import Moment, Rows, Times, moment_of, pair_times
 from gcs_bridge.viewer.scene import ARC_M, AXIS_M, Key, Part, corrected_parts, ghost_parts, path_of
 
