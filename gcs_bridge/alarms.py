@@ -237,7 +237,7 @@ class Announcer:
         self._raises: deque[tuple[int, str]] = deque()
 
     def belongs_to_last(self, name: str, t_boot_us: int) -> bool:
-        """Whether a raise of an excursion that begins now would be a repeat of the alarm's last one, or its chatter."""
+        """Whether a raise at that time would be a repeat of the alarm's last one, or its chatter."""
         rules = self.settings
         times = [*(t_us for t_us, raised in self._raises if raised == name), t_boot_us]
         return _within(times, rules.repeat_s) > 1 or _within(times, rules.chatter_window_s) >= rules.chatter_raises

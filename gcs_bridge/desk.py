@@ -252,7 +252,8 @@ class Desk:
         line.state = after
         if after in PENDING and before not in PENDING:
             line.told = line.beside = False
-            line.joins = line.last is not None and self._announcer.belongs_to_last(line.name, change.t_boot_us)
+            due_us = change.t_boot_us + round(line.tier.delays.on_delay_s * 1e6)
+            line.joins = line.last is not None and self._announcer.belongs_to_last(line.name, due_us)
             line.record = self._new_record(line)
             if self._severer(line) is None and not self._is_shelved(line):
                 line.record.show(change.worst)

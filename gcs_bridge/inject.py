@@ -389,7 +389,7 @@ def _count(share: float, of: int) -> int:
 
 def _some(records: _Records, share: float, chance: np.random.Generator) -> list[int]:
     n = len(records.frames)
-    return chance.choice(n, _count(share, n), replace=False).tolist()  # type: ignore[no-any-return]
+    return chance.choice(n, _count(share, n), replace=False).tolist()  # type: ignore[no-any-return]  # untyped in numpy
 
 
 def _without(records: _Records, rows: Iterable[int]) -> Iterator[_Edit]:

@@ -339,5 +339,5 @@ def between(observation: Observation, first: int, end: int) -> Observation:
 
 def _rows(of: _Rows, part: slice) -> _Rows:
     """A part of the rows of a dataclass that holds arrays alone, one behind the other."""
-    columns: list[Any] = [getattr(of, column.name)[part] for column in fields(of)]  # type: ignore[arg-type]
+    columns: list[Any] = [getattr(of, column.name)[part] for column in fields(of)]  # type: ignore[arg-type]  # any dataclass
     return type(of)(*columns)

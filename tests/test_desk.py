@@ -176,6 +176,7 @@ def test_a_repeat_within_thirty_seconds_is_the_same_alarm() -> None:
     events, vehicle = watched(flown((5, 9), (25, 29), seconds=35))
     raised = told(events, "alarm_raised")
     assert [event["id"] for event in raised] == [ID, ID]
+    assert [event["id"] for event in told(events, "alarm_pending")] == [ID, ID]
     assert [event["grouped"] for event in raised] == [None, "repeat"]
     (alarm,) = alarms(vehicle)
     assert (alarm["repeats"], alarm["raised_boot_s"]) == (1, pytest.approx(6.2))
@@ -431,7 +432,7 @@ def test_a_source_lost_while_clearing() -> None:
 
 def test_a_comparator_that_cannot_run() -> None:
     """A RAW_IMU without a known unit makes gyro and gravity INOP, and leaves the alarms of the others alone."""
-    odd: Callable[[int, State], Any] = lambda ms, state: raw_imu(ms, state, per_g=777.0)  # noqa: E731
+    odd: Callable[[int, State], Any] = lambda ms, state: raw_imu(ms, state, per_g=777.0)
     records = flown((25, 29), seconds=35, imu=true, imu_message=odd, autopilot=wire.PX4)
     events, vehicle = watched(records)
     assert {event["check"] for event in told(events, "inop")} == {"gyro", "gravity"}

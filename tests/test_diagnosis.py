@@ -429,6 +429,15 @@ def test_six_samples_are_no_constant(tmp_path: Path) -> None:
     assert (found.cause, found.fix) == ("unknown", "Too little data yet to tell.")
 
 
+def test_what_barely_explains_too_few_pairs_is_not_named(tmp_path: Path) -> None:
+    """150 ms of skew at 4 Hz, in disagreement for two seconds: a mirrored yaw fits those few pairs by chance."""
+    thin = ("thin:ATTITUDE=4", "thin:ATTITUDE_QUATERNION=4")
+    path = injected(tmp_path, "k8_stream_stops", *thin, "time_skew:150", from_s=16.997)
+    (vehicle,) = gcs_bridge.check(path).to_dict()["files"][0]["vehicles"]
+    (found,) = (alarm["diagnosis"] for alarm in vehicle["alarms"] if alarm["check"] == "euler_quaternion")
+    assert found["cause"] == "unknown" or "time_skew" in found["candidates"]
+
+
 def test_wide_bounds_excuse_no_half_degree(tmp_path: Path) -> None:
     """1° of yaw in acro, never at one instant: a mount offset would leave 0.5°, and is no candidate."""
     path = injected(tmp_path, "b2_mixed_rates", "yaw_offset:1")

@@ -139,14 +139,14 @@ def test_a_worse_sensor_is_not_taken() -> None:
 )
 def test_a_clock_of_its_own(offset_us: int) -> None:
     """`time_usec` may count from boot, from somewhere else or from 1970: mapped, it is right to half a sample."""
-    message = lambda ms, state: raw_imu(ms, state, clock_us=offset_us)  # noqa: E731
+    message = lambda ms, state: raw_imu(ms, state, clock_us=offset_us)
     _, times, _ = imu_of(Craft(imu=true, imu_message=message).records(10))
     np.testing.assert_allclose(times, np.arange(200) / 20, atol=0.001 if offset_us == 0 else 0.025)
 
 
 def test_a_clock_that_is_the_vehicle_s_own_is_not_touched() -> None:
     """Stamps of the boot clock that came late, within the messages around them, stay what they are."""
-    late: Change = lambda t_s, state: raw_imu(round(1000 * (BOOT_S + t_s)) - 1, state)  # noqa: E731
+    late: Change = lambda t_s, state: raw_imu(round(1000 * (BOOT_S + t_s)) - 1, state)
     _, times, _ = imu_of(Craft(imu=late).records(5))
     np.testing.assert_allclose(times, np.arange(100) / 20 - 0.001, atol=1e-9)
 

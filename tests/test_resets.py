@@ -44,7 +44,7 @@ def test_streams_that_never_meet(phase: int) -> None:
 
 def test_streams_of_different_rates() -> None:
     """ATTITUDE at 20 Hz and the quaternion at 5 Hz: one reset."""
-    slow: Change = lambda t_s, state: leap(5)(t_s, state) if round(t_s * 20) % 4 == 0 else None  # noqa: E731
+    slow: Change = lambda t_s, state: leap(5)(t_s, state) if round(t_s * 20) % 4 == 0 else None
     assert len(resets(Craft(euler=leap(5), quaternion=slow))) == 1
 
 

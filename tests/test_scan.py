@@ -498,7 +498,7 @@ def test_a_frame_that_no_padding_mends_stays_bad() -> None:
 
 def losses(sequence: Sequence[int]) -> list[int]:
     frames, _ = scan(b"".join(wire.attitude(i, (0, 0, 1.0), seq=seq) for i, seq in enumerate(sequence)), timed=False)
-    return frames["lost"].tolist()  # type: ignore[no-any-return]
+    return frames["lost"].tolist()  # type: ignore[no-any-return]  # untyped in numpy
 
 
 def test_losses_are_what_the_sequence_misses_across_the_wrap() -> None:

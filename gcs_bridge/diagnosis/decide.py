@@ -121,6 +121,8 @@ class Case:
                 more = self._tried(make())
                 found += [one for one in self._tied(more) if one.score * _GIVES_WAY < best]
                 tried += more
+        if not self.enough and all(one.score > SHARP for one in found):
+            found = []  # two mistakes could not be tried
         rest = sorted((one for one in tried if one.median_rad < np.inf), key=lambda one: one.median_rad)
         return Verdict(found, rest)
 

@@ -38,7 +38,7 @@ def test_rates_that_hardly_differ() -> None:
 
 def test_what_the_motion_explains() -> None:
     """Rates taken one sample later differ by no more than they change from sample to sample: healthy."""
-    late = lambda t_s, state: state._replace(rates=SWAY(t_s - 0.05)[1])  # noqa: E731
+    late = lambda t_s, state: state._replace(rates=SWAY(t_s - 0.05)[1])
     vehicle = judged(Craft(turn=SWAY, quaternion=late), 20)
     assert check(vehicle, "body_rates")["residual"]["max"] > 5
     assert alarms(vehicle, "body_rates") == []

@@ -84,7 +84,7 @@ def test_a_constant_offset_that_the_motion_turns_about() -> None:
 
 def test_noise_has_no_mean() -> None:
     """±0.45° from sample to sample is 0 in the mean: nothing."""
-    noise: Change = lambda t_s, state: turned_in_body(0.45 * (-1) ** round(t_s * 10), 0, 0)(t_s, state)  # noqa: E731
+    noise: Change = lambda t_s, state: turned_in_body(0.45 * (-1) ** round(t_s * 10), 0, 0)(t_s, state)
     assert flown(noise, LONG_S) == []
 
 

@@ -109,7 +109,7 @@ def test_who_may_be_at_rest(said: dict[str, Any], rests: bool) -> None:
 def test_accelerated_flight_is_no_fault() -> None:
     """Forward at 2 m/s² the force is 10.01 m/s², as quiet as at rest, and leans by 11.5°: its speed tells it apart."""
     speeds = [(i / 10, velocity(10_000 + 100 * i, 0.2 * i)) for i in range(200)]
-    forward = lambda _, rotation: rotation.inv().apply([2.0, 0, -G_M_S2])  # noqa: E731
+    forward = lambda _, rotation: rotation.inv().apply([2.0, 0, -G_M_S2])
     craft = Craft(turn=still(), imu=true, hz=HZ, base_mode=ARMED, also=speeds, force=forward)
     assert np.hypot(2.0, G_M_S2) == pytest.approx(G_M_S2 + 0.2, abs=0.01)
     assert alarms(judged(craft, 18)) == []
@@ -184,7 +184,7 @@ def test_a_coordinated_turn_feels_level(kind: int, count: int) -> None:
 
     vehicle = judged(in_flight(true, turn=turn, force=banked(50), kind=kind), 15)
     assert len(alarms(vehicle, "gravity")) == count
-    level = lambda _, state: state._replace(rotation=state.rotation * rotvec(-50, 0, 0))  # noqa: E731
+    level = lambda _, state: state._replace(rotation=state.rotation * rotvec(-50, 0, 0))
     assert alarms(judged(in_flight(level, turn=turn, force=banked(50), kind=kind), 15), "gravity") == []
 
 

@@ -104,7 +104,7 @@ FASTER = swaying((1, 0, 0), by_deg=25, period_s=4)  # 6.2 °/s from sample to sa
 
 def test_a_bias_that_drifts_is_followed() -> None:
     """A bias that grows by 0.1 °/s a second lags by no more than 30 s of it, 3 °/s: nothing, though it grows to 8."""
-    drifting: Change = lambda t_s, state: rates_off(0, 0.1 * t_s, 0)(t_s, state)  # noqa: E731
+    drifting: Change = lambda t_s, state: rates_off(0, 0.1 * t_s, 0)(t_s, state)
     vehicle = judged(flown(drifting, turn=spinning()), 80)
     assert alarms(vehicle) == []
     assert 2 < check(vehicle, "gyro")["residual"]["max"] < 3
@@ -177,8 +177,8 @@ def test_an_unknown_unit_for_a_short_time() -> None:
 @pytest.mark.parametrize("per_g", [1000.0, 4096.0])
 def test_a_unit_that_rest_shows(per_g: float) -> None:
     """Fifty samples of one steady length tell the scale: 1000 a g are mG and mrad/s, 4096 tell the force alone."""
-    still_first = lambda t_s: SWAY(t_s) if t_s >= 5 else SWAY(0.0)  # noqa: E731
-    message = lambda ms, state: raw_imu(ms, state, per_g=per_g)  # noqa: E731
+    still_first = lambda t_s: SWAY(t_s) if t_s >= 5 else SWAY(0.0)
+    message = lambda ms, state: raw_imu(ms, state, per_g=per_g)
     vehicle = judged(flown(true, turn=still_first, imu_message=message, autopilot=wire.PX4), 40)
     assert check(vehicle, "gyro")["verdict"] == ("agree" if per_g == 1000 else "inop")
     assert f"{per_g:.0f}" in check(vehicle, "gyro")["reason"]

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from wire import wxyz
 
-from gcs_bridge.checks.protocol import SlidingSums, Usable, along, between_attitudes, in_order, rated
+from gcs_bridge.checks.protocol import SlidingSums, Usable, along, between_attitudes, rated
+from gcs_bridge.lookup import in_order
 from gcs_bridge.settings import AlarmSettings
 
 # --- sums ------------------------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The norm of ATTITUDE_QUATERNION: 1e-3 off is a warning, 1e-2 an alarm, and the angle is still judged."""
 
 import pytest
-from craft import Craft, alarms, between, check, judged, turned_in_world, watched, with_norm
+from craft import Craft, State, alarms, between, check, judged, turned_in_world, watched, with_norm
 
 BEGIN_S, END_S = 4.0, 8.0  # of the fault; samples come every 0.05 s
 RAISED_S = BEGIN_S + 0.1 + 1.0  # with the third bad sample pending, a second later raised
@@ -56,8 +56,8 @@ def test_a_zero_quaternion_is_a_fault_of_the_norm_and_no_angle() -> None:
 def test_the_angle_of_a_long_quaternion_is_judged() -> None:
     """A quaternion 1.05 long and 25° of yaw off raises both alarms, the angle measured as if its norm were 1."""
 
-    def both(t_s: float, state: object) -> object:
-        return with_norm(1.05)(t_s, turned_in_world(0, 0, 25)(t_s, state))  # type: ignore[arg-type]
+    def both(t_s: float, state: State) -> object:
+        return with_norm(1.05)(t_s, turned_in_world(0, 0, 25)(t_s, state))
 
     vehicle = judged(Craft(quaternion=between(BEGIN_S, END_S, both)), 15)
     (angle,) = alarms(vehicle, "euler_quaternion")

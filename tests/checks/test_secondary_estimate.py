@@ -149,7 +149,7 @@ def test_what_is_not_gross(deg: float, seconds: float) -> None:
 def test_a_time_that_is_not_its_own() -> None:
     """AHRS2 has no time: one that is a tenth of a second old at 60 °/s is 6° off in heading, and that is no fault."""
     turn = spinning(deg_s=60)
-    late = lambda t_s, state: state._replace(rotation=turn(t_s - 0.1)[0])  # noqa: E731
+    late = lambda t_s, state: state._replace(rotation=turn(t_s - 0.1)[0])
     assert alarms(judged(Craft(turn=turn, second=late, hz=10), 45)) == []
 
 
@@ -162,7 +162,7 @@ def test_no_second_estimate() -> None:
 
 def test_zeros_are_no_estimate() -> None:
     """AHRS2 of zeros is one that has not started: it is not compared, whatever the attitude is."""
-    level = lambda _, state: state._replace(rotation=rotvec(0, 0, 0))  # noqa: E731
+    level = lambda _, state: state._replace(rotation=rotvec(0, 0, 0))
     entry = check(judged(Craft(turn=still(rpy(1, 2, 3)), second=level, hz=10), 45), "secondary_estimate")
     assert entry["pairs"] == 0
     assert np.isnan(entry["coverage"] or np.nan)

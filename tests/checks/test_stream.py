@@ -96,7 +96,7 @@ def test_frozen_for_less_than_two_seconds() -> None:
 def test_frozen_while_the_other_hardly_moves() -> None:
     """While the other stream turns by less than 1° (0.3 °/s for 3 s) the same numbers are possible."""
     slow = spinning(deg_s=0.3)
-    held: Change = lambda t_s, state: State(*slow(5), state.force)  # noqa: E731
+    held: Change = lambda t_s, state: State(*slow(5), state.force)
     assert alarms(judged(Craft(turn=slow, quaternion=between(5, 8, held)), 15), "stream") == []
 
 

@@ -25,7 +25,12 @@ from gcs_bridge.sources.uri import NetworkUri, SerialUri
 def fetched(link: Link, size: int) -> list[Piece]:
     """Pieces until `size` bytes have come."""
     pieces: list[Piece] = []
-    wait_until(lambda: pieces.extend(link.drain()) or sum(len(piece.data) for piece in pieces) >= size)  # type: ignore[func-returns-value]
+
+    def enough() -> bool:
+        pieces.extend(link.drain())
+        return sum(len(piece.data) for piece in pieces) >= size
+
+    wait_until(enough)
     return pieces
 
 

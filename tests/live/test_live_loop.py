@@ -7,6 +7,7 @@ import time
 import tty
 from collections.abc import Iterator, Sequence
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -167,9 +168,13 @@ def test_datagrams_at_once_are_datagrams_one_by_one(name: str, from_s: float, to
     frames = fixture(name, from_s=from_s, to_s=to_s, fault="yaw_offset:25")
     datagrams = [(frame.data, frame.t_rx_us) for frame in frames]
     told = []
+
+    def keep(seen: list[RawFrame], _: int | str, frames: Sequence[RawFrame]) -> None:
+        seen.extend(frames)
+
     for size in (1, 7, 500):
         seen: list[RawFrame] = []
-        monitor = Monitor(on_frames=lambda _, frames, seen=seen: seen.extend(frames))  # type: ignore[misc]
+        monitor = Monitor(on_frames=partial(keep, seen))
         monitor.open_link(0, datagrams=True)
         events: list[Event] = []
         for start in range(0, len(datagrams), size):

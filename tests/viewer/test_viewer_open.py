@@ -52,7 +52,7 @@ def started() -> Iterator[Start]:
 @pytest.mark.parametrize("text", ["auto", "native", "web", "none"])
 def test_each_kind_of_viewer_has_a_name(text: str) -> None:
     """What the contract lists is understood."""
-    assert ViewerSpec.parse(text) == ViewerSpec(text)  # type: ignore[arg-type]
+    assert ViewerSpec.parse(text) == ViewerSpec(text)  # type: ignore[arg-type]  # a str, one of the literals
 
 
 def test_a_file_to_be_written_follows_save() -> None:
@@ -201,7 +201,7 @@ def test_a_paced_replay_keeps_the_recording_s_time() -> None:
             self.now_s += seconds
 
     clock = Clock()
-    pace = _Pace(clock, 2.0, now_s=lambda: clock.now_s, sleep=clock.sleep)  # type: ignore[arg-type]
+    pace = _Pace(clock, 2.0, now_s=lambda: clock.now_s, sleep=clock.sleep)  # type: ignore[arg-type]  # asks no more
     for span_s in (0.01, 0.02, 0.03):
         clock.span_s = span_s
         pace.keep()

@@ -22,8 +22,9 @@ from viewer_tools import FIXTURES, Drawn, Headless, can_draw, eventually, has_br
 from gcs_bridge import Monitor
 from gcs_bridge.cli import main
 from gcs_bridge.inject import inject, parse_fault
-from gcs_bridge.viewer import Viewer, ViewerSink, open_viewer
+from gcs_bridge.viewer import ViewerSink, open_viewer
 from gcs_bridge.viewer.processes import free_port
+from gcs_bridge.viewer.served import ServedViewer
 
 TOLERANCE = 1e-6  # of a rotation matrix's entries: the wire's numbers are float32
 BODY = "/vehicle/1.1/body"
@@ -126,7 +127,7 @@ def test_a_late_viewer_sees_the_history_and_what_never_changes(port: int) -> Non
     with serving() as viewer:
         sink = viewer.recording("late")
         feed(Monitor(observer=sink.observe), sink, wire.flight(wire.Motion(6.0), 6.0))
-        with headless(viewer.url, port) as late:  # type: ignore[attr-defined]
+        with headless(viewer.url, port) as late:
             recording = late.wait_for("boot", 15_800_000)
             line = next(line for line in recording.timelines if line.name == "boot")
             assert line.start // 1000 == 10_000_000
@@ -140,7 +141,7 @@ def test_a_late_viewer_sees_what_never_changes_though_the_history_is_full(port: 
     with serving("1MiB") as viewer:
         sink = viewer.recording("full")
         feed(Monitor(observer=sink.observe), sink, wire.flight(wire.Motion(60.0), 60.0))
-        with headless(viewer.url, port) as late:  # type: ignore[attr-defined]
+        with headless(viewer.url, port) as late:
             recording = late.wait_for("boot", 69_000_000)
             line = next(line for line in recording.timelines if line.name == "boot")
             assert line.start // 1000 > 15_000_000
@@ -180,14 +181,14 @@ def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: in
         full = resident_bytes()
         flight.fly(60)
         assert resident_bytes() < 1.03 * full
-        with headless(viewer.url, port) as watching:  # type: ignore[attr-defined]
+        with headless(viewer.url, port) as watching:
             watching.wait_for("boot", 60_000_000)
             flight.fly(20)
             watched = resident_bytes()
         flight.fly(60)
         assert resident_bytes() < 1.03 * watched
         assert flight.slowest_s < 0.25
-        assert eventually(lambda: socket.create_connection(("127.0.0.1", viewer._port), 1)).close() is None  # type: ignore[attr-defined]
+        assert eventually(lambda: socket.create_connection(("127.0.0.1", viewer._port), 1)).close() is None
 
 
 @can_draw
@@ -197,7 +198,7 @@ def test_a_viewer_that_reads_no_more_neither_stops_nor_slows_nor_grows_us(port: 
         flight = Flight(viewer, 40.0)
         flight.fly(10)
         full = resident_bytes()
-        with headless(viewer.url, port) as watching:  # type: ignore[attr-defined]
+        with headless(viewer.url, port) as watching:
             watching.wait_for("boot", 5_000_000)
             flight.fly(10)
             os.killpg(watching.process.pid, signal.SIGSTOP)
@@ -219,6 +220,7 @@ def test_a_window_opens_at_the_alarm_and_its_end_is_told(tmp_path: Path, monkeyp
         monkeypatch.setenv("DISPLAY", f":{int(screen.stdout.readline())}")
         with open_viewer("auto", say=said.append) as viewer:
             assert viewer.kind == "native"
+            assert isinstance(viewer, ServedViewer)
             sink = viewer.recording("window")
             monitor = Monitor(observer=sink.observe)
             raised = []
@@ -226,7 +228,7 @@ def test_a_window_opens_at_the_alarm_and_its_end_is_told(tmp_path: Path, monkeyp
                 sink.event(event)
                 raised += [event] if event["event"] == "alarm_raised" else []
             assert sink.finish("alarm")
-            window = viewer._window  # type: ignore[attr-defined]
+            window = viewer._window
             seen = Headless(window._port, window.process)
             eventually(lambda: seen.client.get_state().recordings[0].current_time == round(raised[0]["boot_s"] * 1e9))
             os.killpg(window.process.pid, signal.SIGKILL)
@@ -271,8 +273,10 @@ def test_the_page_shows_the_same_in_a_browser() -> None:
             browser.close()
 
 
-def serving(memory: str | None = None) -> Viewer:
-    return open_viewer("web", say=lambda _: None, live=True, server_memory_limit=memory)
+def serving(memory: str | None = None) -> ServedViewer:
+    viewer = open_viewer("web", say=lambda _: None, live=True, server_memory_limit=memory)
+    assert isinstance(viewer, ServedViewer)
+    return viewer
 
 
 def pixels(png: bytes) -> NDArray[np.int64]:
