@@ -92,6 +92,8 @@ STANDING = frozenset({State.RAISED, State.ACKNOWLEDGED, State.CLEARING, State.CL
 _CLEARING = frozenset({State.CLEARING, State.CLEARING_ACKNOWLEDGED})
 _QUIET = frozenset(State) - PENDING - STANDING
 
+_RECURRING_EXCURSIONS, _RECURRING_DELAYS = 3, 1.5  # so many, and so many on-delays long together, raise the alarm
+
 
 class Worst(NamedTuple):
     """The largest value of an excursion, and the detail that came with it."""
@@ -148,19 +150,30 @@ class _Sample(NamedTuple):
     worst: Worst
 
 
+class _Short(NamedTuple):
+    """An excursion that was taken back: its first bad sample, and since when and until when it was pending."""
+
+    onset_us: int
+    since_us: int
+    until_us: int
+
+
 class Alarm:
     """One alarm of one check of one vehicle within one boot."""
 
-    def __init__(self, settings: AlarmSettings) -> None:
-        """Start in NORMAL, with no sample."""
+    def __init__(self, settings: AlarmSettings, recurring_window_s: float = 0.0) -> None:
+        """Start with no sample. Within `recurring_window_s` excursions that are too short count together; 0: never."""
         self.state = State.NORMAL
         self._settings = settings
         self._on_delay_us = round(settings.on_delay_s * 1e6)
         self._off_delay_us = round(settings.off_delay_s * 1e6)
         self._window_us = round(settings.window_s * 1e6)
+        self._recurring_window_us = round(recurring_window_s * 1e6)
         self._recent: deque[_Sample] = deque(maxlen=settings.counted_samples)
         self._now_us = 0  # the latest sample's time: one that comes late does not turn the delays back
         self._since_us = 0
+        self._voted_us = 0  # when the vote was bad last
+        self._short: deque[_Short] = deque()
         self.worst = Worst(-1.0, np.empty(0))  # of the present excursion
         self._onset_us = -1
 
@@ -201,13 +214,28 @@ class Alarm:
             self.worst = sample.worst
         yield from self._go(index, vote)
         waited_us = self._now_us - self._since_us
-        delay_us = self._on_delay_us if self.state in PENDING else self._off_delay_us
-        if self.state in PENDING | _CLEARING and waited_us >= delay_us:
+        if self.state in PENDING:
+            self._voted_us = self._now_us
+            if waited_us >= self._on_delay_us or self._recurs(waited_us):
+                yield from self._go(index, Signal.DELAYED)
+        elif self.state in _CLEARING and waited_us >= self._off_delay_us:
             yield from self._go(index, Signal.DELAYED)
+
+    def _recurs(self, waited_us: int) -> bool:
+        """Whether the pending excursion is one of several that were too short: a lag comes and goes."""
+        while self._short and self._short[0].since_us < self._now_us - self._recurring_window_us:
+            self._short.popleft()
+        lasted_us = waited_us + sum(one.until_us - one.since_us for one in self._short)
+        if len(self._short) < _RECURRING_EXCURSIONS - 1 or lasted_us < _RECURRING_DELAYS * self._on_delay_us:
+            return False
+        self._onset_us = self._short[0].onset_us
+        return True
 
     def _go(self, index: int, signal: Signal) -> Iterator[Change]:
         before, after = self.signal(signal)
         if after is not before:
+            if before in PENDING and after in _QUIET:
+                self._short.append(_Short(self._onset_us, self._since_us, self._voted_us))
             self._since_us = self._now_us
             yield Change(index, before, after, self._now_us, self.worst, self._onset_us)
 

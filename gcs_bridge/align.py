@@ -58,6 +58,8 @@ MATCH = np.dtype(
     ]
 )
 
+_INTERPOLATED, _SAME_INSTANT = 1, 2  # how a sample was paired
+
 # Slots of `_State.of`, one row a stream.
 _COUNT, _ORDERED, _LATEST, _INTERVALS, _WAITING, _PERIOD, _RX_PERIOD, _RX_START = range(8)
 _UNKNOWN = -1
@@ -69,7 +71,7 @@ class _State(NamedTuple):
     of: Int64s  # (2, 8) counters, see above
     slower: Int64s  # (1,)
     time: Int64s  # (2, _RING) by position
-    paired: Int64s  # (2, _RING) by position
+    paired: Int64s  # (2, _RING) by position: 0, or how it was paired
     ordered: Int64s  # (2, _RING) positions whose time is later than all before
     waiting: Int64s  # (2, _RING) positions that wait for a partner
     interval: Int64s  # (2, _BLOCK)
@@ -135,13 +137,16 @@ def _decide_slower(state):  # type: ignore[no-untyped-def]  # typed by numba
 
 @helper
 def _same_instant(state, k, t):  # type: ignore[no-untyped-def]  # typed by numba
-    """Position of the unpaired sample of stream `k` at exactly `t`, −1 if there is none."""
+    """Position of the sample of stream `k` at exactly `t`, −1 if there is none that still wants its partner.
+
+    One that was compared with its neighbours while its partner was overtaken still does.
+    """
     if state.of[k, _LATEST] < t:
         return _UNKNOWN
     count = state.of[k, _COUNT]
     for position in range(count - 1, max(count - _RING, 0) - 1, -1):
         time = state.time[k, position & _LAST]
-        if time == t and not state.paired[k, position & _LAST]:
+        if time == t and state.paired[k, position & _LAST] != _SAME_INSTANT:
             return position
         if time < t - _LATE_US:
             break
@@ -198,7 +203,7 @@ def _pair_waiting(state, k, trigger, max_gap_us, matches, n):  # type: ignore[no
         gap = state.time[other, after & _LAST] - state.time[other, before & _LAST]
         if state.of[other, _COUNT] - before >= _RING or gap > max_gap_us:
             continue
-        state.paired[k, position & _LAST] = 1
+        state.paired[k, position & _LAST] = _INTERPOLATED
         match = matches[n]
         match.trigger, match.slower, match.same = trigger, k, 0
         match.sample, match.before, match.after = position, before, after
@@ -233,14 +238,15 @@ def match_kernel(
         slower = state.slower[0]
         partner = _same_instant(state, other, t)
         if partner != _UNKNOWN:
-            state.paired[k, position & _LAST] = 1
-            state.paired[other, partner & _LAST] = 1
+            was_judged = state.paired[other, partner & _LAST]
+            state.paired[k, position & _LAST] = _SAME_INSTANT
+            state.paired[other, partner & _LAST] = _SAME_INSTANT
             match = matches[n]
             match.trigger, match.same = i, 1
             match.slower = QUATERNION if slower == _UNKNOWN else slower
             match.sample = position if k == match.slower else partner
             match.before = match.after = partner if k == match.slower else position
-            match.stands_for_us = _stands_for(state, match.slower, match.sample, max_gap_us)
+            match.stands_for_us = 0 if was_judged else _stands_for(state, match.slower, match.sample, max_gap_us)
             n += 1
         elif slower != other and state.of[k, _WAITING] < _RING:
             state.waiting[k, state.of[k, _WAITING]] = position

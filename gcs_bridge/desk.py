@@ -133,7 +133,7 @@ class _Line:
     def __init__(self, check: Check, tier: Tier) -> None:
         self.check = check
         self.tier = tier
-        self.alarm = Alarm(tier.delays)
+        self.alarm = Alarm(tier.delays, tier.recurring_window_s)
         self.record: AlarmRecord | None = None  # of the excursion that is pending or stands
         self.last: AlarmRecord | None = None  # the latest that was raised
         self.raises = 0

@@ -98,6 +98,7 @@ class EulerQuaternionSettings(Struct, frozen=True, kw_only=True):
     """ATTITUDE against ATTITUDE_QUATERNION."""
 
     limit_rad: _Angle = math.radians(0.5)
+    recurring_window_s: _Duration = 10.0
     usable_bound_rad: _Angle = math.radians(2.0)
     mean_limit_rad: _Angle = math.radians(0.3)
     mean_window_s: _Duration = 10.0

@@ -12,6 +12,7 @@ from gcs_bridge.alarms import Alarm, Rated, State
 from gcs_bridge.settings import AlarmSettings
 
 LIMIT = 1.0
+RECURRING_S = 10.0
 GOOD, HIGH, BAD = 0.1, 0.9, 5.0  # below 70 % of the limit, between that and the limit, above the limit
 
 Told = list[tuple[int, str, str, float]]  # ms, state before, state, worst so far
@@ -27,7 +28,7 @@ def rated(story: Sequence[tuple[int, float]]) -> Rated:
 
 def told(story: Sequence[tuple[int, float]], cuts: Sequence[int] = (), **changed: float) -> tuple[Told, Alarm]:
     """Every change of state while the story is told, cut into batches; the places count through."""
-    alarm = Alarm(AlarmSettings(**changed))
+    alarm = Alarm(AlarmSettings(**changed), RECURRING_S)
     changes: Told = []
     for lo, hi in pairwise([0, *cuts, len(story)]):
         for change in alarm.feed(rated(story[lo:hi])):
@@ -85,6 +86,23 @@ def test_the_delay_starts_anew_after_it_was_taken_back() -> None:
     """Bad, good, bad: the second excursion waits for its own full second."""
     story = run(0, 800, BAD) + run(900, 1800, GOOD) + run(1900, 5000, BAD)
     assert moments(story) == [(200, "pending"), (1100, "normal"), (2100, "pending"), (3100, "raised")]
+
+
+def test_the_third_short_excursion_raises() -> None:
+    """Each votes for 0.6 s, 0.2 to 0.8 s behind its begin; 0.3 s into the third they have lasted 1.5 s together."""
+    short = [[*run(t, t + 600, BAD), *run(t + 700, t + 1900, GOOD)] for t in (0, 2000, 4000)]
+    taken_back = [(200, "pending"), (900, "normal"), (2200, "pending"), (2900, "normal")]
+    assert moments(short[0] + short[1]) == taken_back
+    story = [sample for one in short for sample in one]
+    assert moments(story) == [*taken_back, (4200, "pending"), (4500, "raised"), (4900, "clearing")]
+    onsets_us = [change.onset_us for change in Alarm(AlarmSettings(), RECURRING_S).feed(rated(story))]
+    assert onsets_us[4:] == [4_000_000, 0, 0]  # once raised, it began with the first of them
+
+
+def test_short_excursions_far_apart_raise_nothing() -> None:
+    """The first of three is forgotten after ten seconds."""
+    story = [pair for t in (0, 5000, 10_300) for pair in [*run(t, t + 600, BAD), *run(t + 700, t + 4900, GOOD)]]
+    assert "raised" not in [state for _, state in moments(story)]
 
 
 def test_an_alarm_clears_after_two_low_seconds() -> None:

@@ -92,7 +92,13 @@ class EulerQuaternion(Check):
     def tiers(self) -> tuple[Tier, ...]:
         """The alarm of single pairs, and the warning of their mean."""
         return (
-            Tier("pairs", "alarm", "ATTITUDE and ATTITUDE_QUATERNION are not one rotation", self._delays),
+            Tier(
+                "pairs",
+                "alarm",
+                "ATTITUDE and ATTITUDE_QUATERNION are not one rotation",
+                self._delays,
+                recurring_window_s=self._settings.recurring_window_s,
+            ),
             Tier("mean", "warning", "ATTITUDE and ATTITUDE_QUATERNION differ by a small constant turn", self._slow),
         )
 

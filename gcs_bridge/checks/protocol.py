@@ -25,13 +25,17 @@ _LONGEST_US = 2_000_000  # of the time between two samples, what counts as watch
 
 
 class Tier(NamedTuple):
-    """One alarm of a check: its name within the check, severity, what it says, votes and delays; unit, if its own."""
+    """One alarm of a check: its name within the check, severity, what it says, votes and delays; unit, if its own.
+
+    `recurring_window_s`: within that time excursions that are too short by themselves raise it together; 0: never.
+    """
 
     name: str
     severity: str
     what: str
     delays: AlarmSettings
     unit: str | None = None
+    recurring_window_s: float = 0.0
 
 
 class Break(NamedTuple):

@@ -97,7 +97,7 @@ def _diagnosed(window: Window, alignment: AlignmentSettings) -> Diagnosis | None
     if case.agrees():
         if off_norm:
             return _named(Hypothesis(off_norm), "certain", side=31, residual_rad=case.median_rad)
-        if window.reset:
+        if window.reset and case.tells:
             return _named(Hypothesis((("estimator_reset", ()),)), "probable", residual_rad=case.median_rad)
         return None
     verdict = case.decide(plane=window.autopilot == "ardupilot" and window.type in _PLANES)

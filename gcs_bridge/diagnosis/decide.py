@@ -31,15 +31,19 @@ _FLOOR_CLEAN_RAD, _FLOOR_RAD = np.radians(0.003), np.radians(0.03)
 _SCREEN = 3.0  # how much worse a hypothesis may look on some of the pairs to be tried on all
 _NAMED_RAD, _NAMED_MS = np.radians(0.2), 2.0  # what is this near to a simpler mistake gets its name
 # The right hypothesis scores less, but for one time in fifty. A worse one must stand up to two mistakes, and gives way
-# to those that score so many times less.
+# to those that score so many times less; of two mistakes nothing worse is believed.
 SHARP, _GIVES_WAY = 0.25, 5.0
-_EXCUSED_RAD = np.radians(0.25)  # wide bounds excuse no larger median where something else fits so much better
+# Wide bounds excuse no median of so many times the best one's, which shows what the alignment's error really is, and of
+# so many noise floors.
+_EXCUSED, _EXCUSED_FLOORS = 3.0, 2.0
 _BETTER = 0.5  # a hypothesis scores below this share of what no mistake at all scores
 _BAD_PAIRS = 3  # as many as the alarm asks for
 _SOME, _FEW = 240, 80  # pairs to screen and fit by, and to search by
-_LEAST, _LEAST_FITTED, _LEAST_TWO = 5, 8, 20  # pairs to decide by: no number, one mistake with numbers, two mistakes
+_LEAST, _LEAST_FITTED, _LEAST_TWO = 5, 8, 20  # pairs to name: one mistake, nothing but fits of numbers, two mistakes
+_EARLY = 2  # pairs that may lie on both sides of the onset: interpolated between an attitude before and one after it
 _NEAR_RAD = np.radians(3.0)  # a lag not yet refined leaves no more
 _ABOUT_ONE, _ABOUT_ANY = (fits.YAW, *fits.MOUNT_ABOUT_ONE), (fits.MOUNT, fits.WORLD)
+_TELLS_RAD = np.radians(2.0)  # a bound below it excuses no mistake that anyone makes
 _BAD_RAD = np.radians(0.5)  # beyond the bound: a pair disagrees as sent
 
 
@@ -72,7 +76,7 @@ class Case:
     def __init__(self, pairing: Pairing, alignment: AlignmentSettings, *, clean: bool) -> None:
         """Look at the pairs as sent, from the first that disagrees on: an onset may have been seen too early."""
         found = pairing.compare([NO_MISTAKE])
-        onset = np.argmax(found.residual_rad[0] > fits.scale_rad(found.bound_rad[0]))
+        onset = _onset(found.residual_rad[0], found.bound_rad[0])
         pairing = pairing.where(np.arange(onset, len(pairing)))
         self.pairing = pairing
         self._alignment = alignment
@@ -98,9 +102,20 @@ class Case:
         return self._as_sent.explains and self.bad.sum() < _BAD_PAIRS
 
     @property
+    def tells(self) -> bool:
+        """Whether most of the pairs could show a mistake: no bound is as wide as one."""
+        bound_rad = self.as_sent.bound_rad[0]
+        return bool((bound_rad < _TELLS_RAD).mean() > 0.5)
+
+    @property
+    def pairs(self) -> int:
+        """How many pairs could be compared."""
+        return int(np.isfinite(self.as_sent.bound_rad).sum())
+
+    @property
     def enough(self) -> bool:
         """Whether two mistakes could be told, or that it is none of the known ones."""
-        return int(np.isfinite(self.as_sent.bound_rad).sum()) >= _LEAST_TWO
+        return self.pairs >= _LEAST_TWO
 
     def decide(self, *, plane: bool) -> Verdict:
         """Try what is simple first; what is less so only where that explains nothing."""
@@ -119,10 +134,12 @@ class Case:
             best = min((one.score for one in found), default=np.inf)
             if best > SHARP:
                 more = self._tried(make())
-                found += [one for one in self._tied(more) if one.score * _GIVES_WAY < best]
+                found += [one for one in self._tied(more) if one.score < min(SHARP, best / _GIVES_WAY)]
                 tried += more
         if not self.enough and all(one.score > SHARP for one in found):
             found = []  # two mistakes could not be tried
+        if self.pairs < _LEAST_FITTED and all(one.hypothesis.numbers for one in found):
+            found = []  # few pairs deny a number, and too few to rest on it
         rest = sorted((one for one in tried if one.median_rad < np.inf), key=lambda one: one.median_rad)
         return Verdict(found, rest)
 
@@ -213,8 +230,11 @@ class Case:
     def _tied(self, tried: Sequence[Tried]) -> list[Tried]:
         """Those that explain, and better than no mistake at all; of hypotheses that mean the same the simplest."""
         good = [one for one in tried if one.explains and one.score < _BETTER * self._as_sent.score]
-        best = min((one.score for one in good), default=0.0)
-        tied = [one for one in good if one.median_rad < _EXCUSED_RAD or one.score <= _GIVES_WAY * best]
+        if not good:
+            return []
+        best = min(good, key=lambda one: one.score)
+        excused_rad = max(_EXCUSED * best.median_rad, _EXCUSED_FLOORS * self._floor_rad)
+        tied = [one for one in good if one.median_rad <= excused_rad]
         unique: dict[str, Tried] = {}
         for one in sorted(tied, key=lambda one: (*_likeliest(one.hypothesis)[:2], one.score)):
             named = replace(one, hypothesis=_by_name(one.hypothesis))
@@ -223,10 +243,17 @@ class Case:
         return sorted(unique.values(), key=lambda one: _likeliest(one.hypothesis))
 
 
+def _onset(residual_rad: Floats, bound_rad: Floats) -> int:
+    """The first pair that disagrees, without a next one or two that may lie on both sides of the onset."""
+    first = int(np.argmax(residual_rad > _BAD_RAD + bound_rad))
+    around = slice(first, first + _EARLY + 1)
+    return first + int(np.argmax(residual_rad[around] > fits.scale_rad(bound_rad[around])))
+
+
 def _least_pairs(hypothesis: Hypothesis) -> int:
     if len(hypothesis.mistakes) > 1 and hypothesis not in SIMPLE:
         return _LEAST_TWO
-    return _LEAST_FITTED if hypothesis.numbers else _LEAST
+    return _LEAST
 
 
 def _worst(values: Floats, sets: Sequence[Mask], share: float) -> Floats:
