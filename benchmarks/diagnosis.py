@@ -3,6 +3,7 @@
     python -m benchmarks.diagnosis                  # the project's own recordings; some five minutes on two cores
     python -m benchmarks.diagnosis --more FOLDER    # and every .tlog in a folder
     python -m benchmarks.diagnosis --every 10       # one case in ten
+    python -m benchmarks.diagnosis --begin 0.5      # the mistakes begin later in each recording
 
 Each case goes the way of `gcs-bridge check`: bytes in, report out. What the report says is held against SciPy, which
 undoes what was named on fields unpacked by hand (`tests/diagnosis_oracle.py`). Of the first alarm's last diagnosis:
@@ -63,7 +64,7 @@ RATES = {  # as it is recorded, and at the rates that many users have
     "10/4 Hz": ("thin:ATTITUDE=10", "thin:ATTITUDE_QUATERNION=4"),
     "4/4 Hz": ("thin:ATTITUDE=4", "thin:ATTITUDE_QUATERNION=4"),
 }
-FROM_SHARE = 0.35  # of the recording, where the fault begins
+BEGIN = 0.35  # share of the recording, where the mistake begins
 LIMIT_DEG = 0.52
 SHOWS_S = 2.0
 FITS_DEG = 0.3  # with interpolation in it
@@ -76,6 +77,7 @@ class Case(NamedTuple):
     sysid: int
     rate: str
     fault: str
+    begin: float
 
 
 class Result(NamedTuple):
@@ -131,7 +133,7 @@ def judge(case: Case) -> Result:
     fault = parse_fault(case.fault)
     times_us = [t_us for t_us, _ in wire.records(data)]
     (healthy,) = oracle.boots(data, case.sysid)
-    data = inject(data, [fault], sysid=case.sysid, from_s=FROM_SHARE * (times_us[-1] - times_us[0]) / 1e6)
+    data = inject(data, [fault], sysid=case.sysid, from_s=case.begin * (times_us[-1] - times_us[0]) / 1e6)
     (sent,) = oracle.boots(data, case.sysid)
     shows_s = _shows_s(sent, fault.name)
     shows_s = shows_s[shows_s >= _begins_s(healthy, sent)]
@@ -267,12 +269,13 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="How well mistakes are detected and named.")
     parser.add_argument("--more", type=Path, nargs="*", default=[], help="folders with more recordings")
     parser.add_argument("--every", type=int, default=1, help="only each so manieth case")
+    parser.add_argument("--begin", type=float, default=BEGIN, help="share of the recording before the mistake")
     parser.add_argument("--processes", type=int, default=2)
     arguments = parser.parse_args(argv)
     chosen = list(recordings(arguments.more))
-    cases = [Case(path, sysid, rate, fault) for (path, sysid), rate, fault in itertools.product(chosen, RATES, FAULTS)][
-        :: arguments.every
-    ]
+    every = itertools.product(chosen, RATES, FAULTS)
+    cases = [Case(path, sysid, rate, fault, arguments.begin) for (path, sysid), rate, fault in every]
+    cases = cases[:: arguments.every]
     begun_s = time.perf_counter()
     with ProcessPoolExecutor(arguments.processes, initializer=os.nice, initargs=(19,)) as pool:
         results = list(pool.map(judge, cases, chunksize=8))

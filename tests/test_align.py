@@ -334,10 +334,20 @@ def test_no_sample_goes_unjudged_because_others_came_late() -> None:
     assert (error <= np.degrees(pairs.bound_rad) + 0.5).all()
 
 
+def test_a_sample_whose_partner_was_overtaken_meets_it_after_all() -> None:
+    """It was compared with its neighbours by then: each instant has its pair all the same, and its time counts once."""
+    motion = wire.Motion(20, seed=10)
+    arrived = in_time(samples(motion, EULER, every(40, 20)), samples(motion, QUATERNION, every(40, 20)))
+    pairs = paired(late(arrived, [0, 0, 7, 0, 0, 23, 0, 1, 0, 0, 0]))
+    same_us = pairs.t_boot_us[pairs.same_instant]
+    assert len(same_us) == len(np.unique(same_us)) == 500 < len(pairs)
+    assert pairs.stands_for_us.sum() <= 20e6
+
+
 @pytest.mark.parametrize("shift", [[0], [0, 0, 3, 0, 11, 0, 0, 0, 30]])
 @pytest.mark.parametrize(("euler_ms", "quaternion_ms"), [(40, 40), (40, 100), (250, 40), (100, 130)])
 def test_each_sample_of_the_slower_stream_is_judged_once(euler_ms: int, quaternion_ms: int, shift: list[int]) -> None:
-    """However late some come: no instant twice, and pairs in the order in which they were completed."""
+    """However late some come, where no instant is shared: none twice, and in the order in which they were completed."""
     motion = wire.Motion(30, seed=11)
     arrived = in_time(
         samples(motion, EULER, every(euler_ms, 30)), samples(motion, QUATERNION, every(quaternion_ms, 29, 7))

@@ -10,19 +10,22 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import diagnosis_oracle as oracle
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from wire import Motion
+from wire import Motion, records
 
 import gcs_bridge
+from gcs_bridge import inquiry
 from gcs_bridge.causes import CAUSES
 from gcs_bridge.diagnosis import Diagnosis, Window, diagnose
 from gcs_bridge.inject import inject, parse_fault
 from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples
+from gcs_bridge.settings import AlignmentSettings
 
 Array = NDArray[np.float64]
 SITL = Path(__file__).parents[1] / "sitl_fixtures"
@@ -104,6 +107,7 @@ RATES = {
     "as it is": (),
     "10 and 4 Hz": ("thin:ATTITUDE=10", "thin:ATTITUDE_QUATERNION=4"),
     "4 Hz": ("thin:ATTITUDE=4",),
+    "both 4 Hz": ("thin:ATTITUDE=4", "thin:ATTITUDE_QUATERNION=4"),
 }
 # Where the flight has motion in it: name → first attitude's boot time, and seconds after it.
 FLIGHTS = {"b_copter_acro": (175.563, 20.0), "a_copter_square": (9.0, 45.0)}
@@ -431,11 +435,49 @@ def test_six_samples_are_no_constant(tmp_path: Path) -> None:
 
 def test_what_barely_explains_too_few_pairs_is_not_named(tmp_path: Path) -> None:
     """150 ms of skew at 4 Hz, in disagreement for two seconds: a mirrored yaw fits those few pairs by chance."""
-    thin = ("thin:ATTITUDE=4", "thin:ATTITUDE_QUATERNION=4")
-    path = injected(tmp_path, "k8_stream_stops", *thin, "time_skew:150", from_s=16.997)
+    path = injected(tmp_path, "k8_stream_stops", *RATES["both 4 Hz"], "time_skew:150", from_s=16.997)
     (vehicle,) = gcs_bridge.check(path).to_dict()["files"][0]["vehicles"]
     (found,) = (alarm["diagnosis"] for alarm in vehicle["alarms"] if alarm["check"] == "euler_quaternion")
     assert found["cause"] == "unknown" or "time_skew" in found["candidates"]
+
+
+@pytest.mark.parametrize(
+    ("name", "sysid", "rates", "fault", "begin"),
+    [
+        ("e_two_vehicles", 2, "10 and 4 Hz", "yaw_offset:90", 0.2),  # seven pairs: too few for a constant
+        ("g_signed", 1, "both 4 Hz", "roll_sign", 0.2),  # half of the mean's window lies before the onset
+        ("a_copter_square", 1, "as it is", "time_skew:20", 0.35),  # undone, it leaves nothing; a mount offset 0.25°
+        ("b2_mixed_rates", 1, "both 4 Hz", "nwu_flu", 0.35),  # bounds of degrees excuse degrees
+        ("b2_mixed_rates", 1, "as it is", "mount_offset:1,0,0", 0.45),  # less than the bounds, but for one pair
+        ("k13b_px4_tailsitter_fw", 1, "10 and 4 Hz", "time_skew:500", 0.65),  # a steady turn, or nearly
+        ("k7a_gyro_bias_both", 1, "both 4 Hz", "time_skew:150", 0.65),  # after a reset, with bounds of 30°
+        ("p_px4_quad_square", 1, "10 and 4 Hz", "yaw_sign", 0.55),  # nearly level
+    ],
+)
+def test_no_answer_misleads(tmp_path: Path, name: str, sysid: int, rates: str, fault: str, begin: float) -> None:
+    """From the first answer, which comes with the alarm, to the last: what is named fits, and the mistake is named."""
+    path = injected(tmp_path, name, *RATES[rates], sysid=sysid) if RATES[rates] else SITL / f"{name}.tlog"
+    data = path.read_bytes()
+    times_us = [t_us for t_us, _ in records(data)]
+    path = tmp_path / "falsified.tlog"
+    path.write_bytes(inject(data, [parse_fault(fault)], sysid=sysid, from_s=begin * (times_us[-1] - times_us[0]) / 1e6))
+    (sent,) = oracle.boots(path.read_bytes(), sysid)
+    asked: list[tuple[Window, Diagnosis | None]] = []
+
+    def noted(of: Window, alignment: AlignmentSettings | None = None) -> Diagnosis | None:
+        asked.append((of, diagnose(of, alignment)))
+        return asked[-1][1]
+
+    with mock.patch.object(inquiry, "diagnose", noted):  # what an answer rests on is told by nobody else
+        gcs_bridge.check(path)
+    named = [(of, found) for of, found in asked if found and found.cause != "unknown"]
+    assert named
+    for of, found in named:
+        assert fault.partition(":")[0] in found.candidates
+        if len(found.candidates) > 1:
+            boot_s = np.concatenate((of.euler.t_boot_us, of.quaternion.t_boot_us)) / 1e6
+            rests_on = sent.between(boot_s.min(), boot_s.max())
+            assert max(oracle.leaves_deg(rests_on, candidate) for candidate in found.candidates) < 0.3
 
 
 def test_wide_bounds_excuse_no_half_degree(tmp_path: Path) -> None:

@@ -244,10 +244,12 @@ class Case:
 
 
 def _onset(residual_rad: Floats, bound_rad: Floats) -> int:
-    """The first pair that disagrees, without a next one or two that may lie on both sides of the onset."""
-    first = int(np.argmax(residual_rad > _BAD_RAD + bound_rad))
-    around = slice(first, first + _EARLY + 1)
-    return first + int(np.argmax(residual_rad[around] > fits.scale_rad(bound_rad[around])))
+    """The first pair that disagrees; of bad ones without a first or two that may lie on both sides of the onset."""
+    disagrees, bad = residual_rad > fits.scale_rad(bound_rad), residual_rad > _BAD_RAD + bound_rad
+    if not bad.any():
+        return int(np.argmax(disagrees))
+    first = int(np.argmax(bad))
+    return first + int(np.argmax(disagrees[first : first + _EARLY + 1]))
 
 
 def _least_pairs(hypothesis: Hypothesis) -> int:

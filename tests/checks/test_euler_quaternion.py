@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from craft import (
     Change,
@@ -20,7 +21,8 @@ from craft import (
 from gcs_bridge import Monitor
 from gcs_bridge.inject import inject, parse_fault
 
-SQUARE = Path(__file__).parents[2] / "sitl_fixtures" / "a_copter_square.tlog"
+FIXTURES = Path(__file__).parents[2] / "sitl_fixtures"
+SQUARE = FIXTURES / "a_copter_square.tlog"
 FAULT_S = (3.0, 7.0)
 LONG_S = (12.0, 25.0)
 
@@ -28,6 +30,30 @@ LONG_S = (12.0, 25.0)
 def flown(change: Change, fault_s: tuple[float, float] = FAULT_S, **given: Any) -> list[dict[str, Any]]:
     vehicle = judged(Craft(**{"quaternion": between(*fault_s, change), "hz": 10.0, **given}), fault_s[1] + 8)
     return alarms(vehicle, "euler_quaternion")
+
+
+def test_a_lag_that_shows_in_each_swing_alone() -> None:
+    """40 ms in a vehicle that swings: 6 to 10° for 0.7 s at a time, and nothing in between. The second swing tells."""
+    data = inject((FIXTURES / "k8_stream_stops.tlog").read_bytes(), [parse_fault("time_skew:-40")], from_s=26.7)
+    monitor = Monitor()
+    monitor.feed_recording(data)
+    (vehicle,) = monitor.close().to_dict()["files"][0]["vehicles"]
+    (alarm,) = [alarm for alarm in vehicle["alarms"] if alarm["check"] == "euler_quaternion"]
+    assert 106 < alarm["raised_boot_s"] < 108
+    assert alarm["diagnosis"]["causes"] == ["time_skew"]
+    assert alarm["diagnosis"]["value"] == pytest.approx(-40, abs=2)
+
+
+@pytest.mark.parametrize("fault", ["yaw_offset:0.4", "mount_offset:0,0.4,0", "world_offset:0.3,0.3,0"])
+def test_what_is_behind_a_warning_is_named(fault: str) -> None:
+    """A small turn from second 60 on: what the mean rests on begins before it, and it is named all the same."""
+    monitor = Monitor()
+    monitor.feed_recording(inject(SQUARE.read_bytes(), [parse_fault(fault)], from_s=60))
+    (vehicle,) = monitor.close().to_dict()["files"][0]["vehicles"]
+    (warning,) = vehicle["alarms"]
+    made = parse_fault(fault)
+    assert (warning["severity"], warning["diagnosis"]["candidates"]) == ("warning", [made.name])
+    assert np.ravel(warning["diagnosis"]["value"]) == pytest.approx(made.value, abs=0.001)
 
 
 def test_one_degree_in_hover() -> None:
