@@ -1,7 +1,8 @@
 """When a disagreement becomes an alarm, and when the alarm goes: votes, delays and one table of transitions.
 
 Time is the vehicle's and comes with the samples. A sample is bad above its limit and low below a share of it; alarms
-start and end by a vote over the last samples, so that a lone outlier does neither (after ISA-18.2 and EEMUA 191).
+start and end by a vote over the last samples, so that a lone outlier does neither (after ISA-18.2 and EEMUA 191). What
+comes and goes, each time for less than the on-delay, can be told to count together.
 Whether an alarm is shelved, or one of many, is not its own affair: see `Announcer`.
 """
 
@@ -40,7 +41,7 @@ class Signal(Enum):
     BAD = "bad"  # what the last samples say together
     BETWEEN = "between"
     LOW = "low"
-    DELAYED = "delayed"  # the state's delay has run out
+    DELAYED = "delayed"  # the state's delay has run out, or need not be waited for again
     ACKNOWLEDGE = "acknowledge"
     LOST = "lost"  # a source went stale
     BROKEN = "broken"  # a source cannot be used
