@@ -180,19 +180,21 @@ class Alarm:
 
     def feed(self, samples: Rated) -> Iterator[Change]:
         """Take counted samples in order; yield each change of state."""
+        index, count = 0, len(samples.bad)
+        if not count:
+            return
         bad_at = np.flatnonzero(samples.bad)
-        index = 0
-        while index < len(samples.bad):
+        while index < count:
             if self.state in _QUIET and not any(sample.bad for sample in self._recent):
                 # Nothing can happen before the next bad sample: only those right before it still have a vote.
                 following = np.searchsorted(bad_at, index)
-                skip_to = int(bad_at[following]) if following < len(bad_at) else len(samples.bad)
+                skip_to = int(bad_at[following]) if following < len(bad_at) else count
                 index = max(index, skip_to - self._settings.counted_samples)
                 self._now_us = max(self._now_us, int(samples.t_boot_us[:skip_to].max(initial=0)))
                 while index < skip_to:
                     self._recent.append(_sample(samples, index))
                     index += 1
-                if index == len(samples.bad):
+                if index == count:
                     return
             yield from self._take(index, _sample(samples, index))
             index += 1

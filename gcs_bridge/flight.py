@@ -69,11 +69,15 @@ def attitude_at(found: Answers) -> Floats:
     """The attitudes (n, 4) at the queries' times; along the shortest way where no rates are reported."""
     rates = [np.nan_to_num(rows[:, 4:7]) for rows in (found.before.rows, found.after.rows)]
     q0, q1 = found.before.rows[:, :4], found.after.rows[:, :4]
-    bent = rates[0].any(axis=1) & rates[1].any(axis=1) & (found.gap_s > 0)
-    q_nb = attitude.slerp(q0, q1, found.place)
-    q_nb[bent] = attitude.hermite(
-        q0[bent], q1[bent], rates[0][bent], rates[1][bent], dt_s=found.gap_s[bent], u=found.place[bent]
-    )[0]
+    moving = [(w[:, 0] != 0) | (w[:, 1] != 0) | (w[:, 2] != 0) for w in rates]
+    bent = moving[0] & moving[1] & (found.gap_s > 0)
+    place, gap_s = found.place, found.gap_s
+    if bent.all():
+        return attitude.hermite(q0, q1, rates[0], rates[1], dt_s=gap_s, u=place)[0]
+    q_nb = np.empty_like(q0)
+    q_nb[~bent] = attitude.slerp(q0[~bent], q1[~bent], place[~bent])
+    w0, w1 = rates[0][bent], rates[1][bent]
+    q_nb[bent] = attitude.hermite(q0[bent], q1[bent], w0, w1, dt_s=gap_s[bent], u=place[bent])[0]
     return q_nb
 
 
@@ -108,6 +112,10 @@ class SeenImu:
     def __getitem__(self, rows: Any) -> SeenImu:
         """The samples of a slice, mask or index array."""
         return SeenImu(**{column.name: getattr(self, column.name)[rows] for column in fields(self)})
+
+    def where(self, picked: Mask) -> SeenImu:
+        """The samples that are `picked` (n,)."""
+        return self if picked.all() else self[picked]
 
     @classmethod
     def joined(cls, parts: Sequence[SeenImu]) -> SeenImu:

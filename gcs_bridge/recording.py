@@ -47,7 +47,7 @@ class Witness(Protocol):
         """Take the events of a piece of the recording, none included."""
 
 
-_PIECE = 2**22  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
+_PIECE = 3 * 2**19  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
 _PROBE = 2**18  # bytes by which a recording is told from a stream without times
 
 # Other flight logs by their first bytes, each with the tool that reads it.

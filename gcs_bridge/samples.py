@@ -96,14 +96,14 @@ def attitude_samples(records: Records, boot: Int64s, t_boot_us: Int64s, t_rx_us:
     """ATTITUDE: roll, pitch, yaw in rad, intrinsic Z-Y-X (rule M11), wider ranges than nominal included."""
     rpy = _columns(records, "roll", "pitch", "yaw")
     q = attitude.quaternion_from_rpy(roll_rad=rpy[:, 0], pitch_rad=rpy[:, 1], yaw_rad=rpy[:, 2])
-    return AttitudeSamples(t_boot_us, boot, t_rx_us, q, _columns(records, *_RATES), _finite(rpy), ATTITUDE, rpy)
+    return AttitudeSamples(t_boot_us, boot, t_rx_us, q, _columns(records, *_RATES), finite(rpy), ATTITUDE, rpy)
 
 
 def attitude_quaternion_samples(records: Records, boot: Int64s, t_boot_us: Int64s, t_rx_us: Int64s) -> AttitudeSamples:
     """ATTITUDE_QUATERNION: q1…q4 are w, x, y, z. `repr_offset_q` is for displays and not applied."""
     q = _columns(records, "q1", "q2", "q3", "q4")
     norm = np.sqrt(q[:, 0] ** 2 + q[:, 1] ** 2 + q[:, 2] ** 2 + q[:, 3] ** 2)
-    valid: Mask = _finite(q) & (np.abs(norm - 1.0) <= NORM_TOLERANCE)
+    valid: Mask = finite(q) & (np.abs(norm - 1.0) <= NORM_TOLERANCE)
     offset = records["repr_offset_q"].astype(np.float64)
     rates = _columns(records, *_RATES)
     return AttitudeSamples(t_boot_us, boot, t_rx_us, q, rates, valid, ATTITUDE_QUATERNION, repr_offset_q=offset)
@@ -114,7 +114,7 @@ def secondary_samples(records: Records, boot: Int64s, t_boot_us: Int64s, t_rx_us
     rpy = _columns(records, "roll", "pitch", "yaw")
     q = attitude.quaternion_from_rpy(roll_rad=rpy[:, 0], pitch_rad=rpy[:, 1], yaw_rad=rpy[:, 2])
     unsaid = ~rpy.any(axis=1)  # all three exactly zero: the estimate has not started
-    return AttitudeSamples(t_boot_us, boot, t_rx_us, q, np.full_like(rpy, np.nan), _finite(rpy) & ~unsaid, AHRS2, rpy)
+    return AttitudeSamples(t_boot_us, boot, t_rx_us, q, np.full_like(rpy, np.nan), finite(rpy) & ~unsaid, AHRS2, rpy)
 
 
 def no_attitudes(source: str) -> AttitudeSamples:
@@ -231,6 +231,7 @@ def _columns(records: Records, *names: str) -> Floats:
     return out
 
 
-def _finite(rows: Floats) -> Mask:
-    """Which rows hold numbers only."""
-    return np.asarray(np.isfinite(rows).all(axis=1))
+def finite(rows: Floats) -> Mask:
+    """Which rows (n, k) hold numbers only."""
+    known = np.isfinite(rows)
+    return np.asarray(np.logical_and.reduce([known[:, column] for column in range(known.shape[1])]))

@@ -429,11 +429,14 @@ class VehicleReader:
         for said, ordinal in self._records("STATUSTEXT", buffer, frames, ordinals):
             told.append(TextSaid(ordinal, text_of(said)))
         for name, field in _FLAGS:
-            for record, ordinal in self._records(name, buffer, frames, ordinals):
-                what, value = f"{name}.{field}", int(record[field])
-                if self._flags.get(what, value) != value:
-                    told.append(FlagsSet(ordinal, what, self._flags[what], value))
-                self._flags[what] = value
+            rows = self._rows(frames, name)
+            if len(rows):
+                what = f"{name}.{field}"
+                flags = decode(buffer, frames[rows], self._dialect[name])[field].astype(np.int64)
+                flags = np.concatenate(([self._flags.get(what, flags[0])], flags))
+                self._flags[what] = int(flags[-1])
+                for at in np.flatnonzero(np.diff(flags)).tolist():
+                    told.append(FlagsSet(int(ordinals[rows[at]]), what, int(flags[at]), int(flags[at + 1])))
         return sorted(told, key=lambda statement: statement.ordinal)
 
     def _read_motion(self, buffer: Bytes, frames: Frames, ordinals: Int64s) -> Motion:

@@ -107,6 +107,7 @@ RATES = {
     "as it is": (),
     "10 and 4 Hz": ("thin:ATTITUDE=10", "thin:ATTITUDE_QUATERNION=4"),
     "4 Hz": ("thin:ATTITUDE=4",),
+    "25 and 10 Hz": ("thin:ATTITUDE=25", "thin:ATTITUDE_QUATERNION=10"),
     "both 4 Hz": ("thin:ATTITUDE=4", "thin:ATTITUDE_QUATERNION=4"),
 }
 # Where the flight has motion in it: name → first attitude's boot time, and seconds after it.
@@ -449,6 +450,7 @@ def test_what_barely_explains_too_few_pairs_is_not_named(tmp_path: Path) -> None
         ("a_copter_square", 1, "as it is", "time_skew:20", 0.35),  # undone, it leaves nothing; a mount offset 0.25°
         ("b2_mixed_rates", 1, "both 4 Hz", "nwu_flu", 0.35),  # bounds of degrees excuse degrees
         ("b2_mixed_rates", 1, "as it is", "mount_offset:1,0,0", 0.45),  # less than the bounds, but for one pair
+        ("b2_mixed_rates", 1, "25 and 10 Hz", "world_offset:4,0,0", 0.5),  # a turned pitch would turn too fast to judge
         ("k13b_px4_tailsitter_fw", 1, "10 and 4 Hz", "time_skew:500", 0.65),  # a steady turn, or nearly
         ("k7a_gyro_bias_both", 1, "both 4 Hz", "time_skew:150", 0.65),  # after a reset, with bounds of 30°
         ("p_px4_quad_square", 1, "10 and 4 Hz", "yaw_sign", 0.55),  # nearly level

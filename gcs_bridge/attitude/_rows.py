@@ -90,8 +90,9 @@ def shaped(name: str, value: npt.ArrayLike, *pattern: int | str | EllipsisType) 
 
 def broadcast(leads: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
     """Return the common leading dimensions, or raise ValueError with every argument's own."""
+    distinct = set(leads.values())
     try:
-        return np.broadcast_shapes(*leads.values())
+        return distinct.pop() if len(distinct) == 1 else np.broadcast_shapes(*distinct)
     except ValueError:
         listed = ", ".join(f"{name} {lead}" for name, lead in leads.items())
         raise ValueError(f"leading dimensions do not broadcast: {listed}") from None

@@ -17,9 +17,10 @@ from msgspec.structs import replace
 
 from gcs_bridge import attitude
 from gcs_bridge.align import Pairs
-from gcs_bridge.checks.protocol import Check, Ratings, SlidingSums, Tier, finite, length, rated
+from gcs_bridge.checks.protocol import Check, Ratings, SlidingSums, Tier, length, rated
 from gcs_bridge.flight import Flight
 from gcs_bridge.lookup import in_order
+from gcs_bridge.samples import finite
 from gcs_bridge.settings import AlarmSettings, EulerQuaternionSettings
 from gcs_bridge.statistics import Quantiles
 
@@ -185,7 +186,7 @@ class EulerQuaternion(Check):
         turns = np.hstack((found.rotvec_body[good], found.rotvec_world[good]))
         sums, count, since_us = self._sums.feed(t_us, np.hstack((weight, (weight * bound) ** 2, weight * turns)))
         mean = sums[:, 2:] / sums[:, :1]
-        value = np.sqrt(np.maximum((mean[:, :3] ** 2).sum(axis=1), (mean[:, 3:] ** 2).sum(axis=1)))
+        value = np.maximum(length(mean[:, :3]), length(mean[:, 3:]))
         limit = self._settings.mean_limit_rad + np.sqrt(np.maximum(sums[:, 1], 0.0)) / sums[:, 0]
         enough = (count >= self._settings.mean_pairs) & (t_us - since_us >= 0.5e6 * self._settings.mean_window_s)
         detail = np.hstack((found.tilt[good, None], found.heading[good, None], mean[:, :3]))[enough]

@@ -14,8 +14,9 @@ from msgspec.structs import replace
 
 from gcs_bridge import attitude
 from gcs_bridge.attitude import RestWatch
-from gcs_bridge.checks.protocol import ImuCheck, Ratings, SlidingSums, Tier, finite, length, rated
+from gcs_bridge.checks.protocol import ImuCheck, Ratings, SlidingSums, Tier, length, rated
 from gcs_bridge.flight import Flight
+from gcs_bridge.samples import finite
 from gcs_bridge.settings import AlarmSettings, GravitySettings
 
 Floats = npt.NDArray[np.float64]
@@ -63,7 +64,7 @@ class Gravity(ImuCheck):
     def judge(self, flight: Flight) -> Iterator[Ratings]:
         """Rate each sample of the IMU by the attitude at its time."""
         self._follow_scale(flight)
-        seen = flight.seen[finite(flight.seen.f_b_m_s2)]
+        seen = flight.seen.where(finite(flight.seen.f_b_m_s2))
         if not len(seen):
             return
         t_us, ordinal, force = seen.t_boot_us, seen.ordinal, seen.f_b_m_s2
@@ -75,7 +76,7 @@ class Gravity(ImuCheck):
         down = attitude.body_down(q_nb)
         self._watch(t_us, value, resting & np.isfinite(value))
         at = np.flatnonzero(resting & np.isfinite(value))
-        detail = _between_downs(down[at], force[at], value[at])
+        detail = _between_downs(down[at], force[at], value[at], self._settings.warning_rad)
         for tier, limit in (("warning", self._settings.warning_rad), ("alarm", self._settings.alarm_rad)):
             yield Ratings(tier, rated(t_us[at], ordinal[at], value[at], limit, self._delays, detail))
         yield self._gross(t_us, ordinal, force, reported, down, flight.fixed_wing.at(ordinal) == 1)
@@ -99,7 +100,7 @@ class Gravity(ImuCheck):
         angle = np.arctan2(length(np.cross(mean_down, seen)), np.sum(mean_down * seen, axis=1))
         known = np.isfinite(angle)
         rows, angle = rows[known], angle[known]
-        detail = _between_downs(mean_down[known], mean_force[known], angle)
+        detail = _between_downs(mean_down[known], mean_force[known], angle, settings.gross_rad)
         return Ratings("gross", rated(t_us[rows], ordinal[rows], angle, settings.gross_rad, self._at_once, detail))
 
     def why_not(self) -> str:
@@ -109,8 +110,16 @@ class Gravity(ImuCheck):
         return "the vehicle was never known to be at rest for 3 s while its attitude came"
 
 
-def _between_downs(down: Floats, force: Floats, angle: Floats) -> Floats:
-    """The detail (n, 5) of the turn from the attitude's down to the accelerometer's: all of it tilt."""
+def _between_downs(down: Floats, force: Floats, angle: Floats, above_rad: float) -> Floats:
+    """The detail (n, 5) of turns above a limit from the attitude's down to the accelerometer's: all of it tilt."""
+    detail = np.full((len(angle), 5), np.nan)
+    bad = angle > above_rad
+    if bad.any():
+        detail[bad] = _tilting(down[bad], force[bad], angle[bad])
+    return detail
+
+
+def _tilting(down: Floats, force: Floats, angle: Floats) -> Floats:
     seen = attitude.down_from_specific_force(force)
     axis = np.cross(seen, down)  # the attitude must turn the other way to see what the accelerometer sees
     size = length(axis)

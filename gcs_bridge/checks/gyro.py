@@ -13,9 +13,10 @@ from typing import ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.checks.protocol import ImuCheck, Ratings, Tier, Turning, along, finite, length, rated
+from gcs_bridge.checks.protocol import ImuCheck, Ratings, Tier, Turning, along, length, rated
 from gcs_bridge.flight import Flight
 from gcs_bridge.mavlink.jit import kernel
+from gcs_bridge.samples import finite
 from gcs_bridge.settings import AlarmSettings, GyroSettings
 
 Floats = npt.NDArray[np.float64]
@@ -97,13 +98,13 @@ class Gyro(ImuCheck):
     def judge(self, flight: Flight) -> Iterator[Ratings]:
         """Rate each sample of the IMU between two of the attitude."""
         self._follow_scale(flight)
-        seen = flight.seen[finite(flight.seen.w_b_rad_s)]
+        seen = flight.seen.where(finite(flight.seen.w_b_rad_s))
         # Beyond what gyros can measure, and where the int16 of the wire starts anew (32.767 rad/s), they tell nothing,
         # of their bias neither.
         speeds = length(seen.w0_b_rad_s), length(seen.w1_b_rad_s)
         told = self._turning.told_by_rates(seen.w0_b_rad_s, seen.w1_b_rad_s, seen.gap_s)
         told &= (speeds[0] > 0) & (speeds[1] > 0) & (np.maximum(*speeds) < self._settings.usable_below_rad_s)
-        seen = seen[told]
+        seen = seen.where(told)
         found_t, ordinal = seen.t_boot_us, seen.ordinal
         step = seen.w1_b_rad_s - seen.w0_b_rad_s
         difference = seen.w_b_rad_s - (seen.w0_b_rad_s + seen.place[:, None] * step)

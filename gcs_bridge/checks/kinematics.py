@@ -71,11 +71,12 @@ class Kinematics(Check):
             turning.told_by_rates(steps.w0_b_rad_s, steps.w1_b_rad_s, steps.h_s)
             for turning, (steps, _) in zip(self._turning, both, strict=True)
         ]
+        reported = [_reported(steps) for steps, _ in both]
         ordinals = np.concatenate([ordinal for _, ordinal in both])
         arrival = np.argsort(ordinals, kind="stable")
         t_us = np.concatenate([steps.t1_us for steps, _ in both])[arrival]
         kin = np.concatenate([steps.kin_rad for steps, _ in both])[arrival]
-        usable = np.concatenate(told)[arrival] & np.concatenate([_reported(steps) for steps, _ in both])[arrival]
+        usable = np.concatenate(told)[arrival] & np.concatenate(reported)[arrival]
         self._watch(t_us, kin, np.isfinite(kin) & usable)
         for k, ((steps, ordinal), name, sums) in enumerate(zip(both, _STREAMS, self._sums, strict=True)):
             if not len(steps):
@@ -83,21 +84,24 @@ class Kinematics(Check):
             # A lone step that the rates deny is a reset of the estimator: it has no vote.
             alone = steps.denied & ~np.concatenate(([self._denied[k]], steps.denied[:-1]))
             self._denied[k] = bool(steps.denied[-1])
-            rows = np.flatnonzero(np.isfinite(steps.kin_rad) & told[k] & _reported(steps) & ~alone)
+            usable = np.isfinite(steps.kin_rad) & reported[k]
+            by_rates = _turn_by_rates(steps)
+            rows = np.flatnonzero(usable & told[k] & ~alone)
             # What hardly turned is no contradiction, whatever the rates say of it.
             value = np.where(steps.denied, steps.kin_rad, np.minimum(steps.kin_rad, steps.limit_rad))[rows]
-            detail = along(steps.turn_b_rad[rows] - _turn_by_rates(steps)[rows])
+            detail = along((steps.turn_b_rad - by_rates)[rows])
             rating = rated(steps.t1_us[rows], ordinal[rows], value, steps.limit_rad[rows], self._delays, detail)
             yield Ratings(f"{name} steps", rating)
-            yield from self._slope(name, sums, steps, ordinal)
+            yield from self._slope(name, sums, steps, ordinal, by_rates, usable & ~steps.denied)
 
-    def _slope(self, name: str, sums: SlidingSums, steps: Steps, ordinal: Int64s) -> Iterator[Ratings]:
+    def _slope(
+        self, name: str, sums: SlidingSums, steps: Steps, ordinal: Int64s, by_rates: Floats, usable: Mask
+    ) -> Iterator[Ratings]:
         """Turn over rate, per body axis, by least squares over the last seconds."""
         settings = self._settings
-        usable = (np.isfinite(steps.kin_rad) & ~steps.denied & _reported(steps))[:, None]
-        by_rates, turn = np.where(usable, _turn_by_rates(steps), 0.0), np.where(usable, steps.turn_b_rad, 0.0)
+        by_rates, turn = np.where(usable[:, None], by_rates, 0.0), np.where(usable[:, None], steps.turn_b_rad, 0.0)
         h = steps.h_s[:, None]
-        products = np.hstack((turn * by_rates / h, by_rates**2 / h, turn**2 / h, usable.astype(np.float64)))
+        products = np.hstack((turn * by_rates / h, by_rates**2 / h, turn**2 / h, usable.astype(np.float64)[:, None]))
         totals, _, since_us = sums.feed(steps.t1_us, products)
         span_s = (steps.t1_us - since_us) * 1e-6
         seen = (totals[:, 9] >= settings.slope_least_hz * span_s) & (span_s >= 0.8 * settings.slope_window_s)
@@ -113,10 +117,11 @@ class Kinematics(Check):
             (1.0 - slope) / (1.0 - settings.slope_low),
         )
         rows = np.flatnonzero(seen)
-        value = off[rows].max(axis=1) if len(rows) else np.empty(0)
+        off = off[rows]
+        value = np.maximum(np.maximum(off[:, 0], off[:, 1]), off[:, 2])
         yield Ratings(
             f"{name} slope",
-            rated(steps.t1_us[rows], ordinal[rows], value, 1.0, self._slow, along(np.maximum(off[rows] - 1.0, 0.0))),
+            rated(steps.t1_us[rows], ordinal[rows], value, 1.0, self._slow, along(np.maximum(off - 1.0, 0.0))),
         )
 
     def why_not(self) -> str:

@@ -49,7 +49,7 @@ class MagHeading(Check):
 
     def judge(self, flight: Flight) -> Iterator[Ratings]:
         """Follow the difference; nothing is rated."""
-        seen = flight.seen[length(flight.seen.m_b_gauss) > _LEAST_GAUSS]
+        seen = flight.seen.where(length(flight.seen.m_b_gauss) > _LEAST_GAUSS)
         if not len(seen):
             return
         t_us = seen.t_boot_us

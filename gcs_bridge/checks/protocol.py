@@ -13,6 +13,8 @@ import numpy.typing as npt
 from gcs_bridge import attitude
 from gcs_bridge.alarms import Rated
 from gcs_bridge.flight import Flight
+from gcs_bridge.mavlink.jit import kernel
+from gcs_bridge.samples import finite
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.statistics import Quantiles
 
@@ -206,8 +208,8 @@ class Turning:
         fastest = np.fmax(length(w0_b_rad_s), length(w1_b_rad_s))
         held = np.concatenate((self._recent, fastest))
         self._recent = held[max(len(held) - _LATELY, 0) :]
-        padded = np.concatenate((np.zeros(_LATELY), held))
-        rate = np.lib.stride_tricks.sliding_window_view(padded, _LATELY + 1).max(axis=1)[len(held) - len(fastest) :]
+        padded, n = np.concatenate((np.zeros(_LATELY), held)), len(fastest)
+        rate = np.maximum.reduce([padded[len(padded) - n - gaps : len(padded) - gaps] for gaps in range(_LATELY + 1)])
         return np.asarray((rate * gap_s <= _TOLD_RAD) | ((gap_s <= _SHORT_S) & (rate * gap_s <= _TOLD_SHORT_RAD)))
 
 
@@ -215,11 +217,6 @@ _LATELY = 4  # gaps before this one
 _TOLD_RAD = math.radians(20.0)
 _SHORT_S = 0.12  # 10 Hz and above
 _TOLD_SHORT_RAD = math.radians(45.0)
-
-
-def finite(rows: Floats) -> Mask:
-    """Which rows hold numbers only."""
-    return np.asarray(np.isfinite(rows).all(axis=1))
 
 
 def length(v: Floats) -> Floats:
@@ -272,12 +269,32 @@ class SlidingSums:
 
     def feed(self, t_us: Int64s, rows: Floats) -> tuple[Floats, Int64s, Int64s]:
         """Take samples in order of time; per sample the sums, how many they are of, and since when, µs."""
-        # One running sum from the boot on, taken one after the other: the same bits however the samples were cut.
-        sums = np.cumsum(np.concatenate((self._sums[-1:], rows)), axis=0)[1:]
-        times, totals = np.concatenate((self._t_us, t_us)), np.concatenate((self._sums, sums))
-        last = np.arange(len(self._t_us), len(times))
-        first = np.searchsorted(times, t_us - self._window_us, side="right")
-        found = totals[last + 1] - totals[first], last + 1 - first, times[np.minimum(first, len(times) - 1)]
-        if len(t_us):
-            self._t_us, self._sums = times[first[-1] :], totals[first[-1] :]
-        return found
+        n, held = len(t_us), len(self._t_us)
+        times = np.concatenate((self._t_us, t_us))
+        totals = np.concatenate((self._sums, np.empty_like(rows)))
+        sums, count, since_us = np.empty_like(rows), np.empty(n, np.int64), np.empty(n, np.int64)
+        first = slide(times, totals, held, rows, self._window_us, sums, count, since_us)
+        self._t_us, self._sums = times[first:], totals[first:]
+        return sums, count, since_us
+
+
+@kernel
+def slide(
+    t_us: Int64s, totals: Floats, held: int, rows: Floats, window_us: int, sums: Floats, count: Int64s, since_us: Int64s
+) -> int:
+    """Fill the sums of `rows` (n, k) over the last `window_us`; return from which of the times on these are needed.
+
+    `t_us` (held + n,), `totals` (held + n + 1, k): one running sum from the boot on, taken one row after the other, so
+    that the bits are the same however the samples were cut; up to `held` it is filled.
+    """
+    first = 0
+    for i in range(rows.shape[0]):
+        at = held + i
+        while t_us[first] <= t_us[at] - window_us:
+            first += 1
+        for column in range(rows.shape[1]):
+            totals[at + 1, column] = totals[at, column] + rows[i, column]
+            sums[i, column] = totals[at + 1, column] - totals[first, column]
+        count[i] = at + 1 - first
+        since_us[i] = t_us[first]
+    return first

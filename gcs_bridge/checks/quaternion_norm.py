@@ -7,8 +7,9 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.checks.protocol import Check, Ratings, Tier, finite, rated
+from gcs_bridge.checks.protocol import Check, Ratings, Tier, rated
 from gcs_bridge.flight import Flight
+from gcs_bridge.samples import finite
 from gcs_bridge.settings import AlarmSettings, QuaternionNormSettings
 
 

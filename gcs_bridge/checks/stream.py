@@ -13,10 +13,10 @@ from msgspec.structs import replace
 
 from gcs_bridge import attitude
 from gcs_bridge.alarms import Rated
-from gcs_bridge.checks.protocol import Check, Ratings, Tier, finite, rated
+from gcs_bridge.checks.protocol import Check, Ratings, Tier, rated
 from gcs_bridge.flight import Flight
 from gcs_bridge.liveness import Turn
-from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples
+from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples, finite
 from gcs_bridge.settings import AlarmSettings, StreamSettings
 from gcs_bridge.told import ParameterSet
 
@@ -94,7 +94,8 @@ class _Stream:
         beside = seen[np.searchsorted(other_ordinal, ordinal)]  # the other stream's latest, at each sample
         last = np.full(numbers.shape[1], np.nan) if self._last is None else self._last
         before = np.concatenate((last[None], numbers))[:-1]
-        changed = (numbers != before).any(axis=1)  # NaN differs from itself, and is no frozen attitude
+        differs = numbers != before  # NaN differs from itself, and is no frozen attitude
+        changed = np.logical_or.reduce([differs[:, column] for column in range(differs.shape[1])])
         index = np.arange(len(numbers))
         start = np.maximum.accumulate(np.where(changed, index, -1))
         run_us = np.where(start >= 0, samples.t_boot_us[start], self._run_us)

@@ -172,7 +172,9 @@ class LiveRun:
 
         with beside():
             stop.patient = True
-            links_left = listen(links, monitor, tell, stop=lambda: stop.asked, duration_s=duration_s)
+            links_left = listen(
+                links, monitor, tell, stop=lambda: stop.asked, duration_s=duration_s, watched=sink is not None
+            )
         report = _named(monitor.close(), [link.name for link in links])
         self.say(report.to_text(detail=0 if options.verbose else -1))
         if not any(entry["bytes"] for entry in report.files):

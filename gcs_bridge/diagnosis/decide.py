@@ -228,8 +228,13 @@ class Case:
         ]
 
     def _tied(self, tried: Sequence[Tried]) -> list[Tried]:
-        """Those that explain, and better than no mistake at all; of hypotheses that mean the same the simplest."""
+        """Those that explain, and better than no mistake at all; of hypotheses that mean the same the simplest.
+
+        What is undone in vain may turn so wildly that the bounds excuse it: it must leave no more than there was.
+        """
+        most_rad = max(self._as_sent.median_rad, self._floor_rad)
         good = [one for one in tried if one.explains and one.score < _BETTER * self._as_sent.score]
+        good = [one for one in good if one.median_rad <= most_rad]
         if not good:
             return []
         best = min(good, key=lambda one: one.score)

@@ -42,18 +42,22 @@ class Knowledge:
         self._hovered = False  # a VTOL mode was seen
         self._parameters: dict[str, float] = {}
 
-    def take(self, what: ParameterSet | ModeSet) -> bool:
-        """Take it in; whether anything is new."""
+    def is_new(self, what: ParameterSet | ModeSet) -> bool:
+        """Whether it says anything that was not known, and matters: the modes of planes alone do."""
         if isinstance(what, ParameterSet):
-            if what.name not in self._RELEVANT or not math.isfinite(what.value):
-                return False
-            new = self._parameters.get(what.name) != what.value
+            relevant = what.name in self._RELEVANT and math.isfinite(what.value)
+            return relevant and self._parameters.get(what.name) != what.value
+        if (self.autopilot, self.type) != (what.autopilot, what.type):
+            return True
+        return self._is_plane and self.custom_mode != what.custom_mode
+
+    def take(self, what: ParameterSet | ModeSet) -> None:
+        """Take in what is new."""
+        if isinstance(what, ParameterSet):
             self._parameters[what.name] = what.value
-            return new
-        before = (self.autopilot, self.type, self.custom_mode)
-        self.autopilot, self.type, self.custom_mode = what.autopilot, what.type, what.custom_mode
-        self._hovered |= self._is_plane and self.custom_mode in _VTOL_MODES
-        return before != (self.autopilot, self.type, self.custom_mode)
+        else:
+            self.autopilot, self.type, self.custom_mode = what.autopilot, what.type, what.custom_mode
+            self._hovered |= self._is_plane and self.custom_mode in _VTOL_MODES
 
     @property
     def makes_none(self) -> bool:

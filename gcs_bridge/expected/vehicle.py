@@ -125,6 +125,8 @@ class Expected:
         news, self._news = self._news, []
         done = [0, 0]
         for what in [*news, None]:
+            if what is not None and not self._told.is_new(what):
+                continue
             upto = [len(euler), len(quaternion)]
             if what is not None:
                 upto = [int(np.searchsorted(of, what.ordinal)) for of in (euler_ordinal, quaternion_ordinal)]
@@ -149,8 +151,7 @@ class Expected:
     def _learn(self, what: ParameterSet | ModeSet) -> None:
         told, (forward, hover) = self._told, self._views
         before, could_hover, flew_forward = (told.view, told.autopilot), told.can_hover, told.custom_mode >= 0
-        if not told.take(what):
-            return
+        told.take(what)
         if (told.view, told.autopilot) != before:
             latest = [int(of.t_us[-1]) for of in (self._euler, self._quaternion) if len(of)]
             self._mode_since_us, self._astray_since_us = max(latest, default=None), -1

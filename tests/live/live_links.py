@@ -130,12 +130,13 @@ class Live:
     def __init__(self, *links: Link, **monitor_options: Any) -> None:
         self.events: list[Event] = []
         self.monitor = Monitor(**monitor_options)
+        self._watched = "observer" in monitor_options
         self._links = links
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def _run(self) -> None:
-        listen(self._links, self.monitor, self.events.append, stop=self._stop.is_set)
+        listen(self._links, self.monitor, self.events.append, stop=self._stop.is_set, watched=self._watched)
 
     def __enter__(self) -> "Live":
         self._thread.start()
