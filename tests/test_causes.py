@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from diagnosis_oracle import FRAMES
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -38,20 +39,6 @@ CONTRACT = {
     "unknown": (None, ()),
 }
 FURTHER = {"enu_rfu", "nwu_flu", "world_nwu", "body_rfu", "world_offset"}
-
-# Axes of the other frames in NED or FRD, line by line: east, north, up; north, west, up; forward, left, up; right, ….
-ENU = RFU = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
-NWU = FLU = np.array([[1, 0, 0], [0, -1, 0], [0, 0, -1]])
-SAME = np.eye(3)
-FRAMES = {
-    "world_enu": (ENU, SAME),
-    "body_flu": (SAME, FLU),
-    "enu_flu": (ENU, FLU),
-    "enu_rfu": (ENU, RFU),
-    "nwu_flu": (NWU, FLU),
-    "world_nwu": (NWU, SAME),
-    "body_rfu": (SAME, RFU),
-}
 
 with_undo = pytest.mark.parametrize("cause", [c for c in CAUSES.values() if c.undo], ids=lambda cause: cause.name)
 
