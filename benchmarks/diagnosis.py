@@ -37,7 +37,7 @@ import numpy as np
 import wire
 
 import gcs_bridge
-from gcs_bridge import Monitor, inquiry
+from gcs_bridge import Monitor, diagnosis
 from gcs_bridge.causes import CAUSES
 from gcs_bridge.diagnosis import Diagnosis, Window, diagnose
 from gcs_bridge.inject import Fault, inject, parse_fault
@@ -145,7 +145,7 @@ def judge(case: Case) -> Result:
         return asked[-1][1]
 
     monitor = Monitor(sysid=case.sysid)
-    with mock.patch.object(inquiry, "diagnose", noted):  # what each answer rests on is told by nobody else
+    with mock.patch.object(diagnosis, "diagnose", noted):  # what each answer rests on is told by nobody else
         monitor.feed_recording(data)
     (file,) = monitor.close().to_dict()["files"]
     vehicle = next(one for one in file["vehicles"] if one["sysid"] == case.sysid)

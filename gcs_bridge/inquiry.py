@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.align import Pairs
-from gcs_bridge.diagnosis import Window, diagnose
 from gcs_bridge.expected import Corrected
 from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples, no_attitudes
 from gcs_bridge.settings import Settings
@@ -129,11 +128,14 @@ class Inquiry:
     def ask(self, name: str, ordinal: int, t_boot_us: int, autopilot: str, vehicle_type: str) -> Answer:
         """What explains the disagreement, by all that came up to the frame `ordinal`."""
         case = self._cases[name]
-        window = self._window(case, ordinal, autopilot, vehicle_type)
-        found = diagnose(window, self._settings.alignment)
+        from gcs_bridge import diagnosis  # only here: most vehicles have no use for a doctor
+
+        window = diagnosis.Window(**self._window(case, ordinal), autopilot=autopilot, type=vehicle_type)
+        found = diagnosis.diagnose(window, self._settings.alignment)
         return Answer(ordinal, t_boot_us, None if found is None else found.entry())
 
-    def _window(self, case: _Case, ordinal: int, autopilot: str, vehicle_type: str) -> Window:
+    def _window(self, case: _Case, ordinal: int) -> dict[str, Any]:
+        """What was sent from the onset on, as the doctor's window wants it."""
         until_us = min(case.onset_us + _LONGEST_US, self._last_bad_us(case.onset_us, ordinal))
         euler, quaternion = [no_attitudes(ATTITUDE)], [no_attitudes(ATTITUDE_QUATERNION)]
         origin: list[tuple[int, Int64s]] = []  # of the Euler samples: the batch kept, and their rows in it
@@ -158,15 +160,15 @@ class Inquiry:
                 q_nb[mine] = kept[index].corrected.undo(rpy_rad[mine], row[asked][mine])
             return q_nb
 
-        return Window(
-            euler=AttitudeSamples.joined(euler),
-            quaternion=AttitudeSamples.joined(quaternion),
-            attitude_of=attitude_of,
-            clean_before=self._clean_before(case.onset_us),
-            reset=any(known <= ordinal and abs(t_us - case.onset_us) < _RESET_NEAR_US for known, t_us in self._resets),
-            autopilot=autopilot,
-            type=vehicle_type,
-        )
+        return {
+            "euler": AttitudeSamples.joined(euler),
+            "quaternion": AttitudeSamples.joined(quaternion),
+            "attitude_of": attitude_of,
+            "clean_before": self._clean_before(case.onset_us),
+            "reset": any(
+                known <= ordinal and abs(t_us - case.onset_us) < _RESET_NEAR_US for known, t_us in self._resets
+            ),
+        }
 
     def _last_bad_us(self, onset_us: int, ordinal: int) -> int:
         """When both last disagreed, as of a frame: what came behind is no part of the disagreement."""

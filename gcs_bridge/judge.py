@@ -148,7 +148,7 @@ class VehicleJudge:
             yield self._clock_notice(notice)
         boots = {segment.boot: segment for segment in batch.segments}
         more = [*(inertial.samples.boot for inertial in batch.imu.values()), batch.secondary.samples.boot]
-        for index in sorted(boots.keys() | set(np.concatenate(more).tolist())):
+        for index in sorted(boots.keys() | set(np.unique(np.concatenate(more)).tolist())):
             yield from self._take_boot(index, boots.get(index), batch, link)
         yield from self.advance(link)
         last = int(ordinals[-1])

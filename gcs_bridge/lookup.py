@@ -90,20 +90,19 @@ class Lookup:
         known = at_arrival >= 0
         on_time = ~known
         on_time[known] = held.t_us[at_arrival[known]] - queries.t_us[known] <= _LATE_US
-        waiting = self._pending.then(queries[on_time])
+        waiting = self._pending.then(queries if on_time.all() else queries[on_time])
         behind = np.searchsorted(held.t_us, waiting.t_us)
-        reached = behind < len(held)
-        self._pending = waiting[~reached][-_PENDING:]
-        waiting, behind = waiting[reached], behind[reached]
+        self._pending = waiting[behind == len(held)][-_PENDING:]
+        at = np.flatnonzero(behind < len(held))
+        t_us, asked, behind = waiting.t_us[at], waiting.ordinal[at], behind[at]
         before = np.maximum(behind - 1, 0)
         near = (held.t_us[behind] - held.t_us[before] <= self._max_gap_us) & (behind > 0)
-        exact = held.t_us[behind] == waiting.t_us
+        exact = held.t_us[behind] == t_us
         before[exact & ~near] = behind[exact & ~near]
-        answered = near | exact
-        ordinal = np.maximum(waiting.ordinal, held.ordinal[behind])
-        order = np.flatnonzero(answered)
-        order = order[np.lexsort((waiting.ordinal[order], ordinal[order]))]
-        found = Answers(waiting[order], held[before[order]], held[behind[order]], ordinal[order])
+        ordinal = np.maximum(asked, held.ordinal[behind])
+        order = np.flatnonzero(near | exact)
+        order = order[np.lexsort((asked[order], ordinal[order]))]
+        found = Answers(waiting[at[order]], held[before[order]], held[behind[order]], ordinal[order])
         if len(held):
             keep_us = held.t_us[-1] - _LATE_US - self._max_gap_us
             kept = min(int(np.searchsorted(held.t_us, keep_us)), len(held) - 1)

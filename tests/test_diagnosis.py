@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from wire import Motion, records
 
 import gcs_bridge
-from gcs_bridge import inquiry
+from gcs_bridge import diagnosis
 from gcs_bridge.causes import CAUSES
 from gcs_bridge.diagnosis import Diagnosis, Window, diagnose
 from gcs_bridge.inject import inject, parse_fault
@@ -470,7 +470,7 @@ def test_no_answer_misleads(tmp_path: Path, name: str, sysid: int, rates: str, f
         asked.append((of, diagnose(of, alignment)))
         return asked[-1][1]
 
-    with mock.patch.object(inquiry, "diagnose", noted):  # what an answer rests on is told by nobody else
+    with mock.patch.object(diagnosis, "diagnose", noted):  # what an answer rests on is told by nobody else
         gcs_bridge.check(path)
     named = [(of, found) for of, found in asked if found and found.cause != "unknown"]
     assert named
