@@ -258,9 +258,7 @@ def _onset(residual_rad: Floats, bound_rad: Floats) -> int:
 
 
 def _least_pairs(hypothesis: Hypothesis) -> int:
-    if len(hypothesis.mistakes) > 1 and hypothesis not in SIMPLE:
-        return _LEAST_TWO
-    return _LEAST
+    return _LEAST_TWO if len(hypothesis.mistakes) > 1 and hypothesis not in SIMPLE else _LEAST
 
 
 def _worst(values: Floats, sets: Sequence[Mask], share: float) -> Floats:

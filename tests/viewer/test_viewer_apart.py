@@ -9,10 +9,9 @@ import pytest
 import wire
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from viewer_tools import FIXTURES, Drawn, can_draw, headless
+from viewer_tools import FIXTURES, Drawn, can_draw, drawn, headless
 
 from gcs_bridge import Monitor
-from gcs_bridge.events import Event
 from gcs_bridge.inject import inject, parse_fault
 from gcs_bridge.viewer import open_viewer
 from gcs_bridge.viewer.apart import undoing
@@ -25,22 +24,6 @@ GHOST, AXIS, ARC, CORRECTED = f"{BODY}/apart/ghost", f"{BODY}/apart/axis", f"{BO
 TURN, POINTS, CLEAR = "Transform3D:quaternion", "LineStrips3D:strips", "Clear:is_recursive"
 MOTION = wire.Motion(24.0)
 START_BOOT_US, FAULT_US = 10_000_000, 14_000_000  # of the flight below: its beginning, and four seconds later
-
-
-def drawn(data: bytes, path: Path, *, pieces: int = 1) -> tuple[Drawn, list[Event]]:
-    """What is drawn of a recording fed in so many pieces, and its events."""
-    events = []
-    with open_viewer(f"save:{path}", say=pytest.fail) as viewer:
-        sink = viewer.recording("by hand")
-        monitor = Monitor(observer=sink.observe)
-        for cut in np.array_split(np.frombuffer(data, np.uint8), pieces):
-            for event in monitor.feed_recording(cut.tobytes()):
-                sink.event(event)
-                events.append(event)
-        for event in monitor.finish():
-            sink.event(event)
-        sink.finish()
-    return Drawn(path), events
 
 
 def flown(*faults: str, seconds: float = 24.0, until_s: float | None = None) -> bytes:

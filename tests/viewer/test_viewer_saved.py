@@ -15,9 +15,8 @@ import pytest
 import wire
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
-from viewer_tools import FIXTURES, Drawn, eventually, verify
+from viewer_tools import FIXTURES, Drawn, drawn, eventually, verify
 
-from gcs_bridge import Monitor
 from gcs_bridge.cli import main
 from gcs_bridge.desk import AlarmRecord
 from gcs_bridge.events import make_event
@@ -38,18 +37,9 @@ def said_by_pymavlink(path: Path) -> dict[str, list[Any]]:
     return found
 
 
-def drawn(records: list[tuple[int, bytes]], path: Path, pieces: int = 1) -> Drawn:
-    """A recording of these records, fed in so many pieces."""
-    data = wire.tlog(records)
-    with open_viewer(f"save:{path}", say=pytest.fail) as viewer:
-        sink = viewer.recording("by hand")
-        monitor = Monitor(observer=sink.observe)
-        for cut in np.array_split(np.frombuffer(data, np.uint8), pieces):
-            for event in monitor.feed_recording(cut.tobytes()):
-                sink.event(event)
-        monitor.close()
-        sink.finish()
-    return Drawn(path)
+def written(records: list[tuple[int, bytes]], path: Path, pieces: int = 1) -> Drawn:
+    """What is drawn of a recording of these records, fed in so many pieces."""
+    return drawn(wire.tlog(records), path, pieces=pieces)[0]
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +84,7 @@ def test_the_disagreement_of_a_turned_quaternion_is_drawn_with_its_limit(tmp_pat
     for i in range(100):
         at = (wire.START_US + 40_000 * i, 1000 + 40 * i)
         records += [(at[0], wire.attitude(at[1], LEVEL)), (at[0], wire.attitude_quaternion(at[1], turned))]
-    recording = drawn(records, tmp_path / "a.rrd")
+    recording = written(records, tmp_path / "a.rrd")
     _, rows = recording.rows("/vehicle/1.1/disagreement", "Scalars:scalars")
     assert rows == [pytest.approx([25, 0.52, 0, 25], abs=1e-5)] * 100  # angle, limit, tilt, heading
     _, states = recording.rows("/vehicle/1.1/state", "StateChange:state")
@@ -123,7 +113,7 @@ def moving(headings_deg: Any, force: Any) -> list[tuple[int, bytes]]:
 def test_the_motion_is_drawn_with_units_and_bounds(tmp_path: Path) -> None:
     """Four seconds of rest, then 2 m/s² to the right for two: 4 m/s, 4 m, and bounds of 0.6 m/s and 0.6 m."""
     records = moving(np.full(152, 90.0), lambda i: (0, 2.0 if i > 100 else 0.0, -9.80665))
-    recording = drawn(records, tmp_path / "a.rrd")
+    recording = written(records, tmp_path / "a.rrd")
     motion = "/vehicle/1.1/motion"
     boot_us, acceleration = recording.rows(f"{motion}/acceleration_h_m_s2", "Scalars:scalars")
     assert boot_us.tolist() == [1_000_000 + 40_000 * i for i in range(152)]
@@ -142,7 +132,7 @@ def test_down_by_the_accelerometer_is_drawn_in_the_world(tmp_path: Path) -> None
 
     Right of a nose that points east is south; the force to the left pulls a plumb line to the right.
     """
-    recording = drawn(moving(np.full(50, 90.0), lambda i: (0, -9.8, -9.8)), tmp_path / "a.rrd")
+    recording = written(moving(np.full(50, 90.0), lambda i: (0, -9.8, -9.8)), tmp_path / "a.rrd")
     _, arrows = recording.numbers("/vehicle/1.1/body/down/accelerometer", "Arrows3D:vectors")
     assert len(arrows) == 50
     assert arrows == pytest.approx(np.tile(1.15 * np.array([-1, 0, 1]) / np.sqrt(2), (50, 1)), abs=1e-6)
@@ -155,7 +145,7 @@ def test_no_line_is_drawn_across_the_wrap_of_the_heading(tmp_path: Path) -> None
     records = moving(3 - 0.5 * np.arange(100), lambda i: (0, 0, -9.80665))
     records = records[: -25 - 1]  # nothing comes behind the last attitude, and still it is drawn
     for pieces in (1, 60):
-        recording = drawn(records, tmp_path / f"{pieces}.rrd", pieces=pieces)
+        recording = written(records, tmp_path / f"{pieces}.rrd", pieces=pieces)
         boot_us, heading = recording.numbers("/vehicle/1.1/motion/heading_deg", "Scalars:scalars")
         (gap,) = np.flatnonzero(np.isnan(heading))
         assert heading[gap - 1] == pytest.approx(0, abs=1e-5)
@@ -169,7 +159,7 @@ def test_each_boots_motion_is_drawn_to_its_end(tmp_path: Path) -> None:
     records = list(wire.records((FIXTURES / "f_reboot.tlog").read_bytes()))
     records.insert(0, (records[0][0], wire.heartbeat()))  # it tells the unit of RAW_IMU
     for pieces in (1, 40):
-        recording = drawn(records, tmp_path / f"{pieces}.rrd", pieces)
+        recording = written(records, tmp_path / f"{pieces}.rrd", pieces)
         drawn_rows = [
             len(recording.rows("/vehicle/1.1/motion/acceleration_h_m_s2", "Scalars:scalars", timeline)[0])
             for timeline in ("boot", "boot_1")
@@ -181,7 +171,7 @@ def test_each_boots_motion_is_drawn_to_its_end(tmp_path: Path) -> None:
 def test_how_the_bytes_were_cut_does_not_change_what_is_drawn(tmp_path: Path) -> None:
     """A live link's short batches and a whole file give the same rows."""
     records = wire.flight(wire.Motion(6.0), 6.0, quaternion_hz=20.0)
-    once, often = drawn(records, tmp_path / "once.rrd"), drawn(records, tmp_path / "often.rrd", pieces=500)
+    once, often = written(records, tmp_path / "once.rrd"), written(records, tmp_path / "often.rrd", pieces=500)
     for entity, component in (
         ("/vehicle/1.1/body/quaternion", "Transform3D:quaternion"),
         ("/vehicle/1.1/body/euler", "Transform3D:quaternion"),
@@ -203,7 +193,7 @@ def test_attitudes_that_are_none_are_left_out(tmp_path: Path) -> None:
     for i in range(20):
         quaternion = wire.attitude_quaternion(1000 + 40 * i, bad.get(i, UPRIGHT))
         records += [(wire.START_US + 40_000 * i, frame) for frame in (wire.attitude(1000 + 40 * i, LEVEL), quaternion)]
-    boot_us, _ = drawn(records, tmp_path / "a.rrd").rows("/vehicle/1.1/body/quaternion", "Transform3D:quaternion")
+    boot_us, _ = written(records, tmp_path / "a.rrd").rows("/vehicle/1.1/body/quaternion", "Transform3D:quaternion")
     assert boot_us.tolist() == [1_000_000 + 40_000 * i for i in range(20) if i not in bad]
 
 

@@ -18,6 +18,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gcs_bridge import Monitor
+from gcs_bridge.events import Event
+from gcs_bridge.viewer import open_viewer
+
 FIXTURES = Path(__file__).parents[2] / "sitl_fixtures"
 RERUN = (sys.executable, "-m", "rerun_cli")
 QUIET = {**os.environ, "CI": "1", "RUST_LOG": "error"}  # CI: no welcome, and nothing is reported home
@@ -66,6 +70,22 @@ class Drawn:
 
     def timelines(self) -> set[str]:
         return {name for chunk in self._chunks for name in chunk.timeline_names}
+
+
+def drawn(data: bytes, path: Path, *, pieces: int = 1) -> tuple[Drawn, list[Event]]:
+    """What is drawn of a recording fed in so many pieces, and its events."""
+    events = []
+    with open_viewer(f"save:{path}", say=pytest.fail) as viewer:
+        sink = viewer.recording("by hand")
+        monitor = Monitor(observer=sink.observe)
+        for cut in np.array_split(np.frombuffer(data, np.uint8), pieces):
+            for event in monitor.feed_recording(cut.tobytes()):
+                sink.event(event)
+                events.append(event)
+        for event in monitor.finish():
+            sink.event(event)
+        sink.finish()
+    return Drawn(path), events
 
 
 def verify(path: Path) -> None:
