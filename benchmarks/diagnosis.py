@@ -39,8 +39,9 @@ import wire
 import gcs_bridge
 from gcs_bridge import Monitor, diagnosis
 from gcs_bridge.causes import CAUSES
-from gcs_bridge.diagnosis import Diagnosis, Window, diagnose
+from gcs_bridge.diagnosis import Diagnosis, Window, diagnose, diagnose_norm
 from gcs_bridge.inject import Fault, inject, parse_fault
+from gcs_bridge.samples import AttitudeSamples
 from gcs_bridge.settings import AlignmentSettings
 
 ROOT = Path(__file__).parents[1]
@@ -64,17 +65,28 @@ RATES = {  # as it is recorded, and at the rates that many users have
     "10/4 Hz": ("thin:ATTITUDE=10", "thin:ATTITUDE_QUATERNION=4"),
     "4/4 Hz": ("thin:ATTITUDE=4", "thin:ATTITUDE_QUATERNION=4"),
 }
+TRIMMED = (("j_ahrs_trim5", 1), ("k1_copter_trim", 1), ("k5_three_vehicles", 7))
 BEGIN = 0.35  # share of the recording, where the mistake begins
 LIMIT_DEG = 0.52
 SHOWS_S = 2.0
 FITS_DEG = 0.3  # with interpolation in it
 ABOUT_THE_SAME_DEG, ABOUT_THE_SAME_SHARE = 0.3, 0.05  # of the value
 ABOUT_THE_SAME_MS = 5.0
+TRIM_LEAVES_DEG = 0.1
+
+
+class Recording(NamedTuple):
+    path: Path
+    sysid: int
+    hidden: bool = False  # AHRS_TRIM is set, and what tells of it is taken out: mistakes are in it from the start
+
+    @property
+    def name(self) -> str:
+        return f"{self.path.stem}, {self.sysid}" + (", trim not told" if self.hidden else "")
 
 
 class Case(NamedTuple):
-    recording: Path
-    sysid: int
+    recording: Recording
     rate: str
     fault: str
     begin: float
@@ -94,20 +106,25 @@ class Answer(NamedTuple):
     words: str
 
 
-def recordings(more: Sequence[Path]) -> Iterator[tuple[Path, int]]:
-    """Recordings whose two forms agree, each with its systems that send both; says which others are left out."""
+def recordings(more: Sequence[Path]) -> Iterator[Recording]:
+    """Recordings whose two forms agree, or would but for AHRS_TRIM, each with its systems that send both.
+
+    Says which others are left out.
+    """
     for facts in sorted((ROOT / "sitl_fixtures").glob("*.facts.json")):
         told = json.loads(facts.read_text(encoding="utf-8"))
         path = facts.with_name(facts.name.replace(".facts.json", ".tlog"))
         if told["euler_quaternion"] == "agree":
             for vehicle in told["vehicles"]:
                 yield from usable(path, int(vehicle.split(",")[0]))
+    for name, sysid in TRIMMED:
+        yield Recording(ROOT / "sitl_fixtures" / f"{name}.tlog", sysid, hidden=True)
     for path in sorted(one for folder in more for one in folder.glob("*.tlog")):
         for sysid in range(1, 8):
             yield from usable(path, sysid)
 
 
-def usable(path: Path, sysid: int) -> Iterator[tuple[Path, int]]:
+def usable(path: Path, sysid: int) -> Iterator[Recording]:
     """The recording, if the oracle can walk it, and both forms are there and agree."""
     try:
         boots = oracle.boots(path.read_bytes(), sysid)
@@ -122,51 +139,79 @@ def usable(path: Path, sysid: int) -> Iterator[tuple[Path, int]]:
     if left_out:
         print(f"left out: {path.name}, system {sysid}: {left_out}", file=sys.stderr)
     else:
-        yield path, sysid
+        yield Recording(path, sysid)
+
+
+def without_trims(data: bytes) -> bytes:
+    """The recording without the parameters that tell AHRS_TRIM."""
+    told = (b"AHRS_TRIM_X", b"AHRS_TRIM_Y")
+    kept = ((t_us, frame) for t_us, frame in wire.records(data) if not any(name in frame for name in told))
+    return b"".join(t_us.to_bytes(8, "big") + frame for t_us, frame in kept)
 
 
 def judge(case: Case) -> Result:
     """Inject, check, compare."""
-    data = case.recording.read_bytes()
+    path, sysid, hidden = case.recording
+    data = path.read_bytes()
+    if hidden:
+        data = without_trims(data)
     if RATES[case.rate]:
-        data = inject(data, [parse_fault(fault) for fault in RATES[case.rate]], sysid=case.sysid)
+        data = inject(data, [parse_fault(fault) for fault in RATES[case.rate]], sysid=sysid)
     fault = parse_fault(case.fault)
     times_us = [t_us for t_us, _ in wire.records(data)]
-    (healthy,) = oracle.boots(data, case.sysid)
-    data = inject(data, [fault], sysid=case.sysid, from_s=case.begin * (times_us[-1] - times_us[0]) / 1e6)
-    (sent,) = oracle.boots(data, case.sysid)
+    (healthy,) = oracle.boots(data, sysid)
+    begin = 0.0 if hidden else case.begin
+    data = inject(data, [fault], sysid=sysid, from_s=begin * (times_us[-1] - times_us[0]) / 1e6)
+    (sent,) = oracle.boots(data, sysid)
     shows_s = _shows_s(sent, fault.name)
     shows_s = shows_s[shows_s >= _begins_s(healthy, sent)]
 
-    asked: list[tuple[Window, Diagnosis | None]] = []
+    asked: list[tuple[Window | None, Diagnosis | None]] = []
 
     def noted(window: Window, alignment: AlignmentSettings | None = None) -> Diagnosis | None:
         asked.append((window, diagnose(window, alignment)))
         return asked[-1][1]
 
-    monitor = Monitor(sysid=case.sysid)
-    with mock.patch.object(diagnosis, "diagnose", noted):  # what each answer rests on is told by nobody else
+    def noted_norm(quaternion: AttitudeSamples) -> Diagnosis | None:
+        asked.append((None, diagnose_norm(quaternion)))
+        return asked[-1][1]
+
+    monitor = Monitor(sysid=sysid)
+    # What each answer rests on is told by nobody else.
+    with mock.patch.multiple(diagnosis, diagnose=noted, diagnose_norm=noted_norm):
         monitor.feed_recording(data)
     (file,) = monitor.close().to_dict()["files"]
-    vehicle = next(one for one in file["vehicles"] if one["sysid"] == case.sysid)
+    vehicle = next(one for one in file["vehicles"] if one["sysid"] == sysid)
     alarms = [one for one in vehicle["alarms"] if one["check"] in ("euler_quaternion", "quaternion_norm")]
     if not alarms:
         lasts_s = len(shows_s) * float(np.median(np.diff(sent.t_quaternion_s)))
         return Result(case, "undetected" if lasts_s > SHOWS_S else "unseen", "none", None, "")
     alarm = alarms[0]
     delay_s = alarm["raised_boot_s"] - _onset_s(shows_s, alarm["raised_boot_s"])
-    answers = [_answer(fault, sent, window, found.entry()) for window, found in asked if found]
+    answers = [_answer(fault, sent, window, found) for window, found in asked if found]
     last = next((one for one in reversed(answers) if one.entry == alarm["diagnosis"]), Answer("none", {}, ""))
     chosen = next((one for one in answers if one.outcome == "wrong"), last)
     return Result(case, chosen.outcome, answers[0].outcome if answers else "none", delay_s, chosen.words)
 
 
-def _answer(fault: Fault, sent: oracle.Sent, window: Window, entry: dict[str, Any]) -> Answer:
-    times_us = np.concatenate((window.euler.t_boot_us, window.quaternion.t_boot_us))
-    begin_s, end_s = times_us.min() / 1e6, times_us.max() / 1e6
+def _answer(fault: Fault, sent: oracle.Sent, window: Window | None, found: Diagnosis) -> Answer:
+    begin_s, end_s = 0.0, np.inf
+    if window is not None:
+        times_us = np.concatenate((window.euler.t_boot_us, window.quaternion.t_boot_us))
+        begin_s, end_s = times_us.min() / 1e6, times_us.max() / 1e6
+    entry = found.entry()
     outcome = _outcome(fault.name, fault.value, entry, sent.between(begin_s, end_s))
+    if outcome == "right" and "ahrs_trim" in found.causes and _leaves_deg(sent, found) > TRIM_LEAVES_DEG:
+        outcome = "wrong"
     told = f"{entry['cause']} {entry['value']} {entry['confidence']} {entry['candidates']}"
     return Answer(outcome, entry, f"by {end_s - begin_s:.1f} s: {told}")
+
+
+def _leaves_deg(sent: oracle.Sent, found: Diagnosis) -> float:
+    """What is left, in the median, once all that was told is undone in the whole recording."""
+    for name, value in zip(found.causes, found.values, strict=True):
+        sent = oracle.undone(sent, name, value)
+    return float(np.median(oracle.disagreement(sent)[1]))
 
 
 def _begins_s(healthy: oracle.Sent, sent: oracle.Sent) -> float:
@@ -202,15 +247,19 @@ def _outcome(name: str, value: tuple[float, ...], entry: dict[str, Any], window:
 
 
 def _means_the_same(name: str, value: tuple[float, ...], entry: dict[str, Any]) -> bool:
-    """Whether the one mistake that is named is the one that was made, by its value or for every motion."""
+    """Whether the one mistake that is named is the one that was made, by its value or for every motion.
+
+    A trim that is named beside it is the firmware's, and must fit the rest of the recording.
+    """
     told = entry["value"] if isinstance(entry["value"], list) else [entry["value"]]
     needs_value = (*oracle.OFFSETS, "time_skew", "pitch_trim")
-    named = [(cause, told if cause in needs_value else []) for cause in entry["causes"]]
+    causes = [cause for cause in entry["causes"] if cause != "ahrs_trim"]
+    named = [(cause, told if cause in needs_value else []) for cause in causes]
     if name in ("time_skew", "quaternion_unnormalised"):
         within = max(ABOUT_THE_SAME_MS, 0.05 * abs(value[0])) if name == "time_skew" else 1e-3
-        return bool(entry["causes"] == [name] and abs(told[0] - value[0]) <= within)
-    if name.startswith("frozen") or any(cause.startswith(("frozen", "time_skew")) for cause in entry["causes"]):
-        return bool(entry["causes"] == [name])
+        return bool(causes == [name] and abs(told[0] - value[0]) <= within)
+    if name.startswith("frozen") or any(cause.startswith(("frozen", "time_skew")) for cause in causes):
+        return bool(causes == [name])
     within = ABOUT_THE_SAME_DEG + ABOUT_THE_SAME_SHARE * float(np.linalg.norm(value or [0.0]))
     return oracle.apart_deg([(name, value)], named) < within
 
@@ -274,21 +323,21 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     chosen = list(recordings(arguments.more))
     every = itertools.product(chosen, RATES, FAULTS)
-    cases = [Case(path, sysid, rate, fault, arguments.begin) for (path, sysid), rate, fault in every]
+    cases = [Case(recording, rate, fault, arguments.begin) for recording, rate, fault in every]
     cases = cases[:: arguments.every]
     begun_s = time.perf_counter()
     with ProcessPoolExecutor(arguments.processes, initializer=os.nice, initargs=(19,)) as pool:
         results = list(pool.map(judge, cases, chunksize=8))
     print(table(results, "mistake", lambda result: result.case.fault.partition(":")[0]), end="\n\n")
     print(table(results, "rates", lambda result: result.case.rate), end="\n\n")
-    print(table(results, "recording", lambda result: f"{result.case.recording.stem}, {result.case.sysid}"), end="\n\n")
+    print(table(results, "recording", lambda result: result.case.recording.name), end="\n\n")
     print(speed(), end="\n\n")
     unseen = sum(result.outcome == "unseen" for result in results)
     print(f"{len(cases)} cases in {time.perf_counter() - begun_s:.0f} s; {unseen} of them do not show.")
     for result in results:
         if result.outcome in ("wrong", "none", "undetected"):
             case = result.case
-            print(f"{result.outcome}: {case.recording.name} {case.sysid}, {case.rate}, {case.fault}: {result.told}")
+            print(f"{result.outcome}: {case.recording.name}, {case.rate}, {case.fault}: {result.told}")
     return int(any(result.outcome == "wrong" for result in results))
 
 

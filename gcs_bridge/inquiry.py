@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.align import Pairs
-from gcs_bridge.expected import Corrected
+from gcs_bridge.expected import AHRS_TRIM, CAUSE_NAMES, PITCH_TRIM, Corrected
 from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples, no_attitudes
 from gcs_bridge.settings import Settings
 
@@ -125,13 +125,16 @@ class Inquiry:
             case.again_us = case.onset_us + 2 * (case.again_us - case.onset_us)
             yield int(ordinals[row]), int(latest[row])
 
-    def ask(self, name: str, ordinal: int, t_boot_us: int, autopilot: str, vehicle_type: str) -> Answer:
-        """What explains the disagreement, by all that came up to the frame `ordinal`."""
+    def ask(self, name: str, ordinal: int, t_boot_us: int, *, of_norm: bool) -> Answer:
+        """What explains the disagreement, or the quaternions' norm, by all that came up to the frame `ordinal`."""
         case = self._cases[name]
         from gcs_bridge import diagnosis  # only here: most vehicles have no use for a doctor
 
-        window = diagnosis.Window(**self._window(case, ordinal), autopilot=autopilot, type=vehicle_type)
-        found = diagnosis.diagnose(window, self._settings.alignment)
+        window = diagnosis.Window(**self._window(case, ordinal))
+        if of_norm:
+            found = diagnosis.diagnose_norm(window.quaternion)
+        else:
+            found = diagnosis.diagnose(window, self._settings.alignment)
         return Answer(ordinal, t_boot_us, None if found is None else found.entry())
 
     def _window(self, case: _Case, ordinal: int) -> dict[str, Any]:
@@ -152,6 +155,7 @@ class Inquiry:
         batch = np.concatenate([np.full(len(rows), index) for index, rows in origin])
         row = np.concatenate([rows for _, rows in origin])
         kept = list(self._kept)
+        trims = int(kept[batch[-1]].corrected.untold[row[-1]]) if len(row) else 0  # as it is known in the end
 
         def attitude_of(rpy_rad: Floats, asked: Int64s) -> Floats:
             q_nb = np.empty((len(rpy_rad), 4))
@@ -165,6 +169,7 @@ class Inquiry:
             "quaternion": AttitudeSamples.joined(quaternion),
             "attitude_of": attitude_of,
             "clean_before": self._clean_before(case.onset_us),
+            "trims": tuple(CAUSE_NAMES[one] for one in (PITCH_TRIM, AHRS_TRIM) if trims & one),
             "reset": any(
                 known <= ordinal and abs(t_us - case.onset_us) < _RESET_NEAR_US for known, t_us in self._resets
             ),

@@ -134,7 +134,6 @@ class VehicleJudge:
         self._trims = {name: Latest(0.0) for name in _TRIMS}
         self._trim_b_rad = np.zeros(3)  # as it was undone last
         self._fixed_wing, self._ardupilot = Latest(), Latest()
-        self.autopilot = self.type = "unknown"
         self._streams: dict[str, StreamCount] = {}
         self._heard = Latest()  # when any frame of the vehicle came, receive time, µs
 
@@ -220,7 +219,6 @@ class VehicleJudge:
         self._stillness.told(batch.told, batch.motion)
         for say in batch.told:
             if isinstance(say, ModeSet):
-                self.autopilot, self.type = say.autopilot, say.type
                 self._fixed_wing.put(np.array([say.ordinal]), np.array([float(say.type in _FIXED_WING)]))
                 self._ardupilot.put(np.array([say.ordinal]), np.array([float(say.autopilot == "ardupilot")]))
 
@@ -357,7 +355,7 @@ class VehicleJudge:
 
     def _answer(self, boot: _Boot, name: str, ordinal: int, t_boot_us: int, link: LinkClock) -> Iterator[Notice]:
         record = boot.asked[name]
-        answer = boot.inquiry.ask(name, ordinal, t_boot_us, self.autopilot, self.type)
+        answer = boot.inquiry.ask(name, ordinal, t_boot_us, of_norm=record.check == "quaternion_norm")
         if answer.entry is not None and answer.entry != record.diagnosis:
             yield from self.desk.diagnosis(record, answer.entry, ordinal, t_boot_us, link.at(ordinal))
 

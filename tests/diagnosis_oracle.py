@@ -5,12 +5,14 @@ It shares no code with the package. Test and benchmark ask it whether a named mi
 
 from __future__ import annotations
 
+import itertools
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 from wire import records
 
@@ -106,6 +108,10 @@ def undone(sent: Sent, name: str, value: Sequence[float] = ()) -> Sent:
         return replace(sent, rpy_rad=RPY[name](sent.rpy_rad))
     if name == "pitch_trim":
         return replace(sent, rpy_rad=sent.rpy_rad + np.radians([0, value[0], 0]))
+    if name == "ahrs_trim":
+        trim = np.radians([*value, 0])
+        turned = euler_rotation(sent.rpy_rad + trim) * Rotation.from_rotvec(-trim)
+        return replace(sent, rpy_rad=turned.as_euler("ZYX")[:, ::-1])
     if name == "time_skew":
         return replace(sent, t_quaternion_s=sent.t_quaternion_s - value[0] / 1000)
     if name == "quaternion_xyzw":  # x, y, z, w stand in the slots w, x, y, z
@@ -163,6 +169,8 @@ def fitted(sent: Sent, name: str, interpolation: Interpolation = RotationSpline)
             lags = lags[int(np.argmin(cost))] + around
         return (float(lags[0]),)
     _, euler, quaternion = paired(sent, interpolation)
+    if name == "ahrs_trim":
+        return _fitted_trim(sent, interpolation)
     if name == "pitch_trim":
         pitch = [rotation.as_euler("ZYX", degrees=True)[:, 1] for rotation in (euler, quaternion)]
         return (float(np.median(pitch[1] - pitch[0])),)
@@ -175,6 +183,17 @@ def fitted(sent: Sent, name: str, interpolation: Interpolation = RotationSpline)
     return tuple(mean.as_rotvec(degrees=True))
 
 
+def _fitted_trim(sent: Sent, interpolation: Interpolation) -> tuple[float, ...]:
+    """AHRS_TRIM, by search from four sides: the median is blind to what a reset or a gap left."""
+
+    def cost(trim: Array) -> float:
+        return float(np.mean(np.minimum(disagreement(undone(sent, "ahrs_trim", tuple(trim)), interpolation)[1], 3.0)))
+
+    starts = [np.array(start) for start in itertools.product((2.0, -2.0), repeat=2)]
+    best = min((minimize(cost, start, method="Nelder-Mead") for start in starts), key=lambda found: float(found.fun))
+    return tuple(best.x.tolist())
+
+
 def leaves_deg(sent: Sent, candidate: str) -> float:
     """The median of what a candidate, one mistake or two joined by +, leaves once it is undone with its best value.
 
@@ -185,8 +204,11 @@ def leaves_deg(sent: Sent, candidate: str) -> float:
 
 
 def _leaves_deg(sent: Sent, candidate: str, interpolation: Interpolation) -> float:
-    for name in candidate.split("+"):
-        needs_value = name in (*OFFSETS, "time_skew", "pitch_trim")
+    names = candidate.split("+")
+    if set(names) & set(OFFSETS) and "ahrs_trim" in names:
+        names = 3 * names  # each is found better with the other undone
+    for name in names:
+        needs_value = name in (*OFFSETS, "time_skew", "pitch_trim", "ahrs_trim")
         sent = undone(sent, name, fitted(sent, name, interpolation) if needs_value else ())
     return float(np.median(disagreement(sent, interpolation)[1]))
 

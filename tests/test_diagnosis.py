@@ -17,12 +17,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from wire import Motion, records
+from wire import Motion, record, records
 
 import gcs_bridge
 from gcs_bridge import diagnosis
 from gcs_bridge.causes import CAUSES
-from gcs_bridge.diagnosis import Diagnosis, Window, diagnose
+from gcs_bridge.diagnosis import Diagnosis, Window, diagnose, diagnose_norm
+from gcs_bridge.diagnosis.hypotheses import AHRS_TRIM
 from gcs_bridge.inject import inject, parse_fault
 from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples
 from gcs_bridge.settings import AlignmentSettings
@@ -498,24 +499,23 @@ def test_too_short_to_be_certain(tmp_path: Path) -> None:
     assert still.confidence == "probable"
 
 
-# --- planes ----------------------------------------------------------------------------------------------------------
-
-PLANE = {"autopilot": "ardupilot", "type": "fixed_wing"}
+# --- trims that nobody told -------------------------------------------------------------------------------------------
 
 
 def test_a_pitch_trim_may_be_a_mount_offset() -> None:
-    """On a plane that did not bank both are named; on a copter there is no such trim."""
+    """On a plane that did not bank both are named, what is no mistake first; where it was told it is no candidate."""
     t_s, true, rates = turning(np.linspace(0, 90, 250), pitch_deg=4.0)
     of = made(t_s, true, rates, rpy=rpy(true) - np.radians([0, 3.0, 0]))
-    assert set(told(diagnose(replace(of, **PLANE))).candidates) >= {"mount_offset", "pitch_trim"}
+    assert told(diagnose(replace(of, trims=("pitch_trim",)))).candidates[:2] == ("pitch_trim", "mount_offset")
     assert "pitch_trim" not in told(diagnose(of)).candidates
 
 
 def test_a_bank_tells_a_pitch_trim() -> None:
     """A real plane in banked flight with PTCH_TRIM_DEG 3: the trim alone fits."""
-    found = told(diagnose(window(SITL / "d_plane_pitchtrim3.tlog", **PLANE)))
+    found = told(diagnose(window(SITL / "d_plane_pitchtrim3.tlog", trims=("pitch_trim", "ahrs_trim"))))
     assert found.causes == ("pitch_trim",)
     assert found.values[0][0] == pytest.approx(3, abs=0.1)
+    assert "PTCH_TRIM_DEG must be 3.0°" in found.fix
 
 
 def test_expected_differences_are_undone_under_each_hypothesis(tmp_path: Path) -> None:
@@ -526,8 +526,68 @@ def test_expected_differences_are_undone_under_each_hypothesis(tmp_path: Path) -
 
     for fault in ("yaw_offset:5", "pitch_sign"):
         path = injected(tmp_path, "d_plane_pitchtrim3", fault)
-        found = told(diagnose(window(path, attitude_of=trimmed, **PLANE)))
+        found = told(diagnose(window(path, attitude_of=trimmed)))
         assert (found.causes, found.confidence) == ((fault.split(":")[0],), "certain")
+
+
+def test_a_plane_with_a_mistake_and_an_untold_trim(tmp_path: Path) -> None:
+    """A real plane whose PTCH_TRIM_DEG of 3 nobody told, and a conjugate from the first sample on: both are named."""
+    found = told(
+        diagnose(window(injected(tmp_path, "d_plane_pitchtrim3", "quaternion_conjugate"), trims=("pitch_trim",)))
+    )
+    assert found.causes == ("quaternion_conjugate", "pitch_trim")
+    assert found.values[1][0] == pytest.approx(3, abs=0.01)
+
+
+def test_ahrs_trim_by_scipy() -> None:
+    """What is undone and made is ArduPilot's formula: q turned by −trim in the body, the trim taken off the angles."""
+    trim_deg = (5.0, -3.0)
+    angles = np.random.default_rng(3).uniform((-3, -1.5, -3), (3, 1.5, 3), (50, 3))
+    sent = oracle.Sent(np.arange(50.0), angles, np.zeros(0), np.zeros((0, 4)))
+    assert AHRS_TRIM.undo is not None
+    assert AHRS_TRIM.falsify is not None
+    expected = oracle.euler_rotation(oracle.undone(sent, "ahrs_trim", trim_deg).rpy_rad)
+    undone = oracle.euler_rotation(AHRS_TRIM.undo(angles, trim_deg))
+    np.testing.assert_allclose((expected.inv() * undone).magnitude(), 0, atol=1e-12)
+    again = oracle.euler_rotation(AHRS_TRIM.falsify(rpy(undone), trim_deg))
+    np.testing.assert_allclose((oracle.euler_rotation(angles).inv() * again).magnitude(), 0, atol=1e-12)
+
+
+# AHRS_TRIM of real copters: TRIM_X and TRIM_Y, deg, as their parameters or notes say.
+TRIMMED = {"j_ahrs_trim5": (5.0, -3.0), "k1_copter_trim": (-2.0, 3.0)}
+
+
+def untold(folder: Path, name: str, *faults: str) -> Path:
+    """A recording that does not tell AHRS_TRIM, with mistakes from its first sample on."""
+    kept = [(t_us, frame) for t_us, frame in records((SITL / f"{name}.tlog").read_bytes()) if b"AHRS_TRIM" not in frame]
+    path = folder / "untold.tlog"
+    path.write_bytes(inject(b"".join(record(*one) for one in kept), [parse_fault(fault) for fault in faults]))
+    return path
+
+
+@pytest.mark.parametrize("rates", ["as it is", "10 and 4 Hz"])
+@pytest.mark.parametrize("name", TRIMMED)
+@pytest.mark.parametrize("fault", ["quaternion_conjugate", "roll_pitch_swapped", "yaw_offset:12", "time_skew:-250"])
+def test_a_mistake_beside_an_untold_trim(tmp_path: Path, name: str, rates: str, fault: str) -> None:
+    """A mistake from the first sample on, and a trim that nobody told: in flight both are named, with their values."""
+    (vehicle,) = gcs_bridge.check(untold(tmp_path, name, *RATES[rates], fault)).to_dict()["files"][0]["vehicles"]
+    found = next(alarm["diagnosis"] for alarm in vehicle["alarms"] if alarm["check"] == "euler_quaternion")
+    cause, _, value = fault.partition(":")
+    assert found["causes"] == [cause, "ahrs_trim"]
+    if not value:
+        np.testing.assert_allclose(found["value"], TRIMMED[name], atol=0.05)
+    else:
+        assert found["value"] == pytest.approx(float(value), abs=5.0 if cause == "time_skew" else 0.2)
+
+
+def test_rates_that_are_no_numbers_hide_no_trim(tmp_path: Path) -> None:
+    """Never at one instant, and every tenth rate of ATTITUDE is NaN: the others tell both all the same."""
+    of = window(untold(tmp_path, "k1_copter_trim", "quaternion_conjugate"), from_s=65.0, trims=("ahrs_trim",))
+    apart = replace(of, euler=of.euler[::2], quaternion=of.quaternion[1::2])
+    apart.euler.w_nb_b_rad_s[::10] = math.nan
+    found = told(diagnose(apart))
+    assert found.causes == ("quaternion_conjugate", "ahrs_trim")
+    np.testing.assert_allclose(found.values[1], TRIMMED["k1_copter_trim"], atol=0.2)
 
 
 # --- the rest of the answer ------------------------------------------------------------------------------------------
@@ -562,6 +622,27 @@ def test_a_norm_beside_another_mistake(tmp_path: Path) -> None:
     found = told(diagnose(window(path, from_s=196.6)))
     assert found.causes == ("quaternion_conjugate", "quaternion_unnormalised")
     assert found.entry()["value"] == pytest.approx(1.05, abs=1e-4)
+
+
+def test_a_norm_has_a_doctor_of_its_own(tmp_path: Path) -> None:
+    """Of a norm the angles say nothing: a factor is named whatever else is wrong, and norms that differ are unknown."""
+    path = injected(tmp_path, "b_copter_acro", "quaternion_conjugate", "quaternion_unnormalised:1.05", from_s=20.0)
+    quaternion = window(path).quaternion
+    found = told(diagnose_norm(quaternion))
+    assert (found.causes, found.confidence, found.side) == (("quaternion_unnormalised",), "certain", 31)
+    assert found.values[0][0] == pytest.approx(1.05, abs=1e-4)
+    factor = np.random.default_rng(4).uniform(0.9, 1.1, (len(quaternion), 1))
+    found = told(diagnose_norm(replace(quaternion, q_nb=quaternion.q_nb * factor)))
+    assert (found.causes, found.confidence, found.candidates) == (("unknown",), "unknown", ())
+    assert diagnose_norm(window(SITL / "b_copter_acro.tlog").quaternion) is None
+
+
+def test_an_untold_trim_is_no_part_of_a_norm(tmp_path: Path) -> None:
+    """A copter with 5° of AHRS_TRIM that nobody told, and quaternions of norm 0.95: only the norm is named."""
+    path = untold(tmp_path, "j_ahrs_trim5", "quaternion_unnormalised:0.95")
+    (vehicle,) = gcs_bridge.check(path).to_dict()["files"][0]["vehicles"]
+    (alarm,) = (one for one in vehicle["alarms"] if one["severity"] == "alarm")
+    assert alarm["diagnosis"]["causes"] == ["quaternion_unnormalised"]
 
 
 def test_order_of_arrival_repetitions_and_gaps_change_nothing(tmp_path: Path) -> None:

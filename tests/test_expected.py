@@ -71,6 +71,7 @@ class Seen(NamedTuple):
     apart_deg: Floats
     pair_causes: npt.NDArray[np.uint8]
     explanations: list[dict[str, Any]]
+    untold: npt.NDArray[np.uint8]  # per sample of ATTITUDE, as are `q_nb` and `causes`
 
     @property
     def longest_bad_s(self) -> float:
@@ -163,7 +164,7 @@ def mode(custom_mode: int, ordinal: int = 1, type_: str = "fixed_wing", autopilo
 def follow(flight: Flight, cuts: list[int] | None = None, expected: Expected | None = None) -> Seen:
     """Correct a flight, cut behind the frames `cuts`, and measure with SciPy what is left."""
     expected = Expected() if expected is None else expected
-    q_nb, causes = [], []
+    q_nb, causes, untold = [], [], []
     edges = [-1, *(cuts or []), 1 << 60]
     for first, last in pairwise(edges):
         e = (flight.euler_ordinal > first) & (flight.euler_ordinal <= last)
@@ -174,12 +175,13 @@ def follow(flight: Flight, cuts: list[int] | None = None, expected: Expected | N
         )
         q_nb.append(corrected.q_nb)
         causes.append(corrected.causes)
+        untold.append(corrected.untold)
     euler, bits = np.concatenate(q_nb), np.concatenate(causes)
     t_us, at_e, at_q = np.intersect1d(flight.euler.t_boot_us, flight.quaternion.t_boot_us, return_indices=True)
     seen = Rotation.from_quat(np.roll(euler[at_e], -1, axis=1))
     right = Rotation.from_quat(np.roll(flight.quaternion.q_nb[at_q], -1, axis=1))
     apart = np.degrees((seen.inv() * right).magnitude())
-    return Seen(euler, bits, t_us // 1000, apart, bits[at_e], expected.explanations())
+    return Seen(euler, bits, t_us // 1000, apart, bits[at_e], expected.explanations(), np.concatenate(untold))
 
 
 def explained(cause: str, value: Any, *, estimated: bool, alternatives: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -630,6 +632,35 @@ def test_invalid_samples_take_no_part() -> None:
     assert (np.isnan(corrected.q_nb).any(axis=1) == ~euler.valid)[20:].all()
 
 
+# --- what may be hidden ----------------------------------------------------------------------------------------------
+
+COPTER = mode(0, type_="quadrotor")
+LEVEL_THEN_BANKED = weaving(300) * np.column_stack((np.arange(300) >= 100, np.ones(300), np.ones(300)))
+
+
+def test_a_trim_may_be_hidden_until_a_bank_denies_it() -> None:
+    """Level flight shows no AHRS_TRIM; of agreement in a bank the third pair says that there is none, ever after."""
+    flight = flown(from_rpy(LEVEL_THEN_BANKED), news=[COPTER])
+    banked = np.abs(LEVEL_THEN_BANKED[:, 0]) > np.radians(5.0)
+    first = int(np.flatnonzero(banked)[0])
+    untold = follow(flight).untold
+    assert (untold[: first + 1] == AHRS_TRIM).all()
+    assert (untold[first + 4 :] == 0).all()
+
+
+def test_what_was_told_is_not_hidden() -> None:
+    """Parameters that are told, another autopilot, a fit: nothing is hidden. Half of the parameters tell nothing."""
+    level = from_rpy(LEVEL_THEN_BANKED[:100])
+    trims = [ParameterSet(2, f"AHRS_TRIM_{axis}", 0.01) for axis in "XY"]
+    assert not follow(flown(level, news=[mode(4, type_="quadrotor", autopilot="px4")])).untold.any()
+    assert not follow(flown(level, news=[COPTER, *trims])).untold.any()
+    assert (follow(flown(level, news=[COPTER, trims[0]])).untold == AHRS_TRIM).all()
+    assert (follow(flown(level, news=[mode(5)])).untold == AHRS_TRIM | PITCH_TRIM).all()
+    fitted = follow(recorded("j_ahrs_trim5"))
+    assert AHRS_TRIM in fitted.untold
+    assert fitted.untold[-1] == 0
+
+
 # --- however it was cut ----------------------------------------------------------------------------------------------
 
 
@@ -648,4 +679,5 @@ def test_cuts_change_nothing(name: str, sysid: int, fault: str | None) -> None:
         seen = follow(flight, np.sort(rng.choice(frames, pieces, replace=False)).tolist())
         np.testing.assert_array_equal(seen.q_nb, whole.q_nb)
         np.testing.assert_array_equal(seen.causes, whole.causes)
+        np.testing.assert_array_equal(seen.untold, whole.untold)
         assert seen.explanations == whole.explanations

@@ -15,13 +15,14 @@ import numpy as np
 
 from gcs_bridge.causes import CAUSES, Value
 from gcs_bridge.diagnosis import words
-from gcs_bridge.diagnosis.alone import at_fault, frozen, norm
+from gcs_bridge.diagnosis.alone import at_fault, frozen, norms
 from gcs_bridge.diagnosis.decide import SHARP, Case, Tried, Verdict
 from gcs_bridge.diagnosis.hypotheses import NO_MISTAKE, Hypothesis, Mistakes
 from gcs_bridge.diagnosis.pairs import Window, pair, plain_attitude
+from gcs_bridge.samples import AttitudeSamples
 from gcs_bridge.settings import AlignmentSettings
 
-__all__ = ["Diagnosis", "Window", "diagnose", "plain_attitude"]
+__all__ = ["Diagnosis", "Window", "diagnose", "diagnose_norm", "plain_attitude"]
 
 Confidence = Literal["certain", "probable", "unknown"]
 
@@ -30,7 +31,6 @@ _LEAST_S = 1.0  # of data, before a constant or a lag is certain
 _RATE_CHANGES_RAD_S = math.radians(2.0)
 _LEAST_TURNING = 5  # pairs at another rate than the usual one
 _NORM_OFF = 1e-3  # floats are within 2e-7 of norm 1
-_PLANES = {"fixed_wing", "vtol_fixedrotor", "vtol_tailsitter", "vtol_tiltrotor"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,10 +83,29 @@ def diagnose(window: Window, alignment: AlignmentSettings | None = None) -> Diag
         return _diagnosed(window, alignment or AlignmentSettings())
 
 
+def diagnose_norm(quaternion: AttitudeSamples) -> Diagnosis | None:
+    """Name what makes norms of quaternions wrong, whatever their directions say; None: they are 1."""
+    length = norms(quaternion)
+    off = length[np.abs(length - 1.0) > _NORM_OFF]
+    if not len(off):
+        return None
+    least, middle, most = np.quantile(off, (0.05, 0.5, 0.95)).tolist()  # single ones may be damaged
+    if most - least < _NORM_OFF * middle:
+        return _named(Hypothesis((("quaternion_unnormalised", (middle,)),)), "certain", side=31)
+    return _named(
+        Hypothesis((("unknown", ()),)),
+        "unknown",
+        candidates=(),
+        side=31,
+        fix=f"No one factor explains norms from {least:.3g} to {most:.3g}: look for what changes single numbers of it.",
+    )
+
+
 def _diagnosed(window: Window, alignment: AlignmentSettings) -> Diagnosis | None:
     pairing = pair(window, alignment)
-    length = norm(window.quaternion)
-    off_norm = (("quaternion_unnormalised", (length,)),) if abs(length - 1.0) > _NORM_OFF else ()
+    length = norms(window.quaternion)
+    usual = float(np.median(length)) if len(length) else 1.0
+    off_norm = (("quaternion_unnormalised", (usual,)),) if abs(usual - 1.0) > _NORM_OFF else ()
     if not len(pairing):  # nothing to compare: what is left is the norm
         return _named(Hypothesis(off_norm), "certain", side=31) if off_norm else None
     stopped = frozen(pairing)
@@ -100,7 +119,7 @@ def _diagnosed(window: Window, alignment: AlignmentSettings) -> Diagnosis | None
         if window.reset and case.tells:
             return _named(Hypothesis((("estimator_reset", ()),)), "probable", residual_rad=case.median_rad)
         return None
-    verdict = case.decide(plane=window.autopilot == "ardupilot" and window.type in _PLANES)
+    verdict = case.decide()
     if verdict.found:
         return _explained(case, verdict, off_norm)
     return _unknown(case, verdict.next_best())
@@ -149,6 +168,8 @@ def _unknown(case: Case, nearest: Tried | None) -> Diagnosis:
             f"{CAUSES['unknown'].fix} It is {shape}; the nearest mistake, {nearest.hypothesis.name}, leaves "
             f"{math.degrees(nearest.median_rad):.2g}°."
         )
+    if case.pairing.window.trims:
+        fix += " The vehicle's trims were not told and may have a part in it: ask for its parameters."
     return Diagnosis(
         causes=("unknown",),
         values=((),),

@@ -22,11 +22,10 @@ _STEP_S = 1.0  # longer steps say nothing about rates
 _NAME = {EULER: "frozen_euler", QUATERNION: "frozen_quaternion"}
 
 
-def norm(samples: AttitudeSamples) -> float:
-    """The median norm of the quaternions as sent; 1 where there is none."""
+def norms(samples: AttitudeSamples) -> Floats:
+    """The norms of the quaternions as sent, of those that are above 0 and numbers."""
     length = np.sqrt(np.square(samples.q_nb).sum(axis=1))
-    length = length[np.isfinite(length) & (length > 0.0)]
-    return float(np.median(length)) if len(length) else 1.0
+    return np.asarray(length[np.isfinite(length) & (length > 0.0)])
 
 
 def frozen(pairing: Pairing) -> tuple[str, bool] | None:

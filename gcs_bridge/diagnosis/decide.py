@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from gcs_bridge.causes import CAUSES
 from gcs_bridge.diagnosis import fits
-from gcs_bridge.diagnosis.hypotheses import NO_MISTAKE, PITCH_TRIM, SIMPLE, Hypothesis, apart_rad, doubles
+from gcs_bridge.diagnosis.hypotheses import AHRS_TRIM, NO_MISTAKE, SIMPLE, TRIMS, Hypothesis, apart_rad, doubles
 from gcs_bridge.diagnosis.pairs import Comparison, Pairing, set_back
 from gcs_bridge.settings import AlignmentSettings
 
@@ -36,6 +36,7 @@ SHARP, _GIVES_WAY = 0.25, 5.0
 # Wide bounds excuse no median of so many times the best one's, which shows what the alignment's error really is, and of
 # so many noise floors.
 _EXCUSED, _EXCUSED_FLOORS = 3.0, 2.0
+_FLOORED = 0.02  # what scores less leaves nothing to explain
 _BETTER = 0.5  # a hypothesis scores below this share of what no mistake at all scores
 _BAD_PAIRS = 3  # as many as the alarm asks for
 _SOME, _FEW = 240, 80  # pairs to screen and fit by, and to search by
@@ -44,6 +45,7 @@ _EARLY = 2  # pairs that may lie on both sides of the onset: interpolated betwee
 _NEAR_RAD = np.radians(3.0)  # a lag not yet refined leaves no more
 _ABOUT_ONE, _ABOUT_ANY = (fits.YAW, *fits.MOUNT_ABOUT_ONE), (fits.MOUNT, fits.WORLD)
 _TELLS_RAD = np.radians(2.0)  # a bound below it excuses no mistake that anyone makes
+_TRIM_RAD = np.radians(10.0)  # as much as a trim may make
 _BAD_RAD = np.radians(0.5)  # beyond the bound: a pair disagrees as sent
 
 
@@ -80,6 +82,7 @@ class Case:
         pairing = pairing.where(np.arange(onset, len(pairing)))
         self.pairing = pairing
         self._alignment = alignment
+        self._trims = pairing.window.trims
         self._floor_rad = _FLOOR_CLEAN_RAD if clean else _FLOOR_RAD
         self.as_sent = Comparison(*(values[:, onset:] for values in found))
         residual, bound = self.as_sent.residual_rad[0], self.as_sent.bound_rad[0]
@@ -117,31 +120,62 @@ class Case:
         """Whether two mistakes could be told, or that it is none of the known ones."""
         return self.pairs >= _LEAST_TWO
 
-    def decide(self, *, plane: bool) -> Verdict:
+    def decide(self) -> Verdict:
         """Try what is simple first; what is less so only where that explains nothing."""
         some = self._some
         one = fits.turned(some, [NO_MISTAKE], _ABOUT_ONE)
         one += self._skewed()
-        if plane:
-            one.append(fits.with_pitch_trim(some, PITCH_TRIM.name))
+        one += self._trimmed()
         tried = self._tried([*SIMPLE, *one])
         found = self._tied(tried)
         if all(one.hypothesis.numbers and one.hypothesis.name != "yaw_offset" for one in found):
             # Until the vehicle turns, what looks like a turn of the body about one axis may be one of the world.
             tried += self._tried(fits.turned(some, [NO_MISTAKE], _ABOUT_ANY))
             found = self._tied(tried)
+        if self._trims and _best(found) > _FLOORED:
+            more = self._tried(self._trimmed_and_one())
+            found = _with_trims(found, self._tied(more))
+            tried += more
+        sharp = SHARP / _GIVES_WAY if self._hidden else SHARP
         for make in (self._two, self._two_turned, self._turned_about_any_axis):
-            best = min((one.score for one in found), default=np.inf)
+            best = _best(found)
             if best > SHARP:
                 more = self._tried(make())
-                found += [one for one in self._tied(more) if one.score < min(SHARP, best / _GIVES_WAY)]
+                found += [one for one in self._tied(more) if one.score < min(sharp, best / _GIVES_WAY)]
                 tried += more
-        if not self.enough and all(one.score > SHARP for one in found):
-            found = []  # two mistakes could not be tried
-        if self.pairs < _LEAST_FITTED and all(one.hypothesis.numbers for one in found):
-            found = []  # few pairs deny a number, and too few to rest on it
         rest = sorted((one for one in tried if one.median_rad < np.inf), key=lambda one: one.median_rad)
-        return Verdict(found, rest)
+        return Verdict(found if self._believes(found) else [], rest)
+
+    def _believes(self, found: Sequence[Tried]) -> bool:
+        """Whether there are pairs enough, and what explains does it well enough."""
+        if _best(found) > SHARP and (self._hidden or not self.enough):
+            return False  # a trim may have its part in what is left, or two mistakes, which could not be tried
+        least = _LEAST_TWO if self._hidden else _LEAST_FITTED
+        # Few pairs deny a number, and too few to rest on it.
+        return self.pairs >= least or not all(one.hypothesis.numbers for one in found)
+
+    @property
+    def _hidden(self) -> bool:
+        """Whether there may be a trim of two numbers, which lends a fit to much that is wrong."""
+        return AHRS_TRIM.name in self._trims
+
+    # Hypotheses with a trim that was not told
+
+    def _trimmed(self) -> list[Hypothesis]:
+        """A trim alone, and beside each simple mistake that leaves no more than one can make."""
+        if not self._trims:
+            return []
+        near = [one.hypothesis for one in self._rate([NO_MISTAKE, *SIMPLE], self._few) if one.median_rad < _TRIM_RAD]
+        return [one for trim in self._trims for one in fits.trimmed(self._few, near, trim)]
+
+    def _trimmed_and_one(self) -> list[Hypothesis]:
+        """A trim beside a turn, and beside a lag."""
+        turns = fits.turned(self._few, [NO_MISTAKE], (fits.YAW, *_ABOUT_ANY))
+        made = [one for trim in self._trims for one in fits.trimmed(self._few, turns, trim)]
+        if self._skew_s:
+            back = self._back(self._few, self._skew_s)
+            made += self._refined([one for trim in self._trims for one in fits.trimmed(back, [NO_MISTAKE], trim)])
+        return made
 
     # Hypotheses of two mistakes
 
@@ -257,8 +291,25 @@ def _onset(residual_rad: Floats, bound_rad: Floats) -> int:
     return first + int(np.argmax(disagrees[first : first + _EARLY + 1]))
 
 
+def _with_trims(found: Sequence[Tried], trimmed: Sequence[Tried]) -> list[Tried]:
+    """What explains, and what explains beside a trim: as that is no second mistake, what it betters it replaces."""
+    better = [one for one in trimmed if one.score < min(SHARP, _best(found) / _GIVES_WAY)]
+    stays = [one for one in found if one.score <= SHARP or not better]
+    kept = {one.hypothesis.mistaken: one for one in reversed([*stays, *better])}
+    for one in (*found, *trimmed):
+        if one.score < _BETTER * kept.get(one.hypothesis.mistaken, one).score:
+            kept[one.hypothesis.mistaken] = one
+    return sorted(kept.values(), key=lambda one: _likeliest(one.hypothesis))
+
+
+def _best(found: Sequence[Tried]) -> float:
+    return min((one.score for one in found), default=np.inf)
+
+
 def _least_pairs(hypothesis: Hypothesis) -> int:
-    return _LEAST_TWO if len(hypothesis.mistakes) > 1 and hypothesis not in SIMPLE else _LEAST
+    if len(hypothesis.mistaken) > 1 and hypothesis not in SIMPLE:
+        return _LEAST_TWO
+    return _LEAST_FITTED if any(name in TRIMS for name in hypothesis.causes) else _LEAST
 
 
 def _worst(values: Floats, sets: Sequence[Mask], share: float) -> Floats:
@@ -290,7 +341,8 @@ def alike(one: Hypothesis, other: Hypothesis) -> bool:
 
 def _covers(one: Hypothesis, other: Hypothesis) -> bool:
     """Whether the first is the second or has it as a special case."""
-    return alike(one, other) or one.name == other.name or (one.name, other.name) == ("world_offset", "yaw_offset")
+    same = one.mistaken == other.mistaken or (one.name, other.name) == ("world_offset", "yaw_offset")
+    return same or alike(one, other)
 
 
 def _spread(bad: Mask, count: int) -> Int64s:
@@ -309,9 +361,12 @@ _ORDER = {name: place for place, name in enumerate(CAUSES)}
 
 
 def _likeliest(hypothesis: Hypothesis) -> tuple[int, int, list[int]]:
-    """One mistake before two, few numbers before many, then the table's order: what is often met stands first there."""
+    """Few mistakes before many, few numbers before many, then the table's order: what is often met stands first there.
+
+    A trim is no mistake: alone it comes first.
+    """
     return (
-        len(hypothesis.mistakes),
+        len(hypothesis.mistaken),
         hypothesis.numbers,
         sorted(_ORDER.get(name, len(_ORDER)) for name in hypothesis.causes),
     )

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
-from gcs_bridge.diagnosis.hypotheses import NO_MISTAKE, Hypothesis
+from gcs_bridge.diagnosis.hypotheses import TRIMS, Hypothesis
 from gcs_bridge.diagnosis.pairs import QUATERNION, Comparison, Pairing, set_back
 from gcs_bridge.settings import AlignmentSettings
 
@@ -19,6 +19,8 @@ Mask = npt.NDArray[np.bool_]
 MAX_SKEW_S = 0.6
 _SKEW_STEP_S = 0.02
 _REWEIGHTED, _REFINED = 2, 4  # times; it stands still sooner where there is one lag
+_TRIM_STEPS, _TRIM_STEP_DEG, _TRIM_SLOPE_DEG = 3, 5.0, 1e-4  # steps of either kind; of a number at a time
+_TRIM_LEAVES_RAD = np.radians(2.0)  # after the first steps, where it may explain
 _NOISE_RAD = np.radians(0.05)  # of a pair at one instant, for the weights
 
 
@@ -65,13 +67,46 @@ def turned(pairing: Pairing, bases: Sequence[Hypothesis], turns: Sequence[Turn])
     ]
 
 
-def with_pitch_trim(pairing: Pairing, name: str) -> Hypothesis:
-    """The constant that was taken off ATTITUDE's pitch."""
-    trim_deg = 0.0
-    for _ in range(3):  # a turn about the body's y is a change of pitch only where there is no roll
-        found = pairing.compare([NO_MISTAKE.and_then(name, trim_deg)])
-        trim_deg += float(_fitted_deg(_deltas(found)[0], _weights(found), 2)[0, 1])
-    return NO_MISTAKE.and_then(name, trim_deg)
+def trimmed(pairing: Pairing, bases: Sequence[Hypothesis], trim: str) -> list[Hypothesis]:
+    """The bases that may explain with that trim, all numbers but a lag fitted together, the trim from either sign."""
+    allowed = TRIMS[trim].parameter
+    starts = [(*(0.0,) * (allowed.count - 1), sign) for sign in (1.0, -1.0)]  # at zero, AHRS_TRIM_X shows nothing
+    found = [base.and_then(trim, *start) for base in bases for start in starts]
+    for _ in range(_TRIM_STEPS if found else 0):
+        found, left_rad = _stepped(pairing, found, robust=False)
+    if found:
+        better = np.argmin(left_rad.reshape(-1, len(starts)), axis=1) + len(starts) * np.arange(len(bases))
+        found = [found[place] for place in better.tolist() if left_rad[place] < _TRIM_LEAVES_RAD]
+    for _ in range(_TRIM_STEPS if found else 0):
+        found, _ = _stepped(pairing, found, robust=True)
+    return [one for one in found if max(map(abs, one.mistakes[-1][1])) <= allowed.most]
+
+
+def _stepped(pairing: Pairing, hypotheses: Sequence[Hypothesis], *, robust: bool) -> tuple[list[Hypothesis], Floats]:
+    """One step of Gauss and Newton for the numbers of each hypothesis; beside it what each had left, a mean, rad."""
+    nearby = [_nearby(hypothesis) for hypothesis in hypotheses]
+    every = pairing.compare([one for around in nearby for one in around])
+    # Pairs of which something is unknown have no weight, and no numbers.
+    rotvec, weight = np.nan_to_num(attitude.rotvec_from_quaternion(_deltas(every)[0])), _weights(every)
+    moved, left_rad, row = [], [], 0
+    for around in nearby:
+        now, beside = rotvec[row], rotvec[row + 1 : row + len(around)]
+        plain = weight[row]
+        size2 = np.square(now).sum(axis=1)
+        left_rad.append(float(np.sqrt((plain * size2).sum() / max(plain.sum(), 1e-30))))
+        row += len(around)
+        weights = plain / (1.0 + size2 * plain) if robust else plain
+        slopes = ((beside - now) / _TRIM_SLOPE_DEG).reshape(len(beside), -1)
+        normal = (slopes * np.repeat(weights, 3)) @ slopes.T
+        step_deg = -np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ (slopes @ (now * weights[:, None]).ravel())
+        moved.append(around[0].moved(np.clip(step_deg, -_TRIM_STEP_DEG, _TRIM_STEP_DEG).tolist()))
+    return moved, np.array(left_rad)
+
+
+def _nearby(hypothesis: Hypothesis) -> list[Hypothesis]:
+    """The hypothesis, and the same with each of its numbers a little larger."""
+    steps = np.vstack((np.zeros(hypothesis.free), _TRIM_SLOPE_DEG * np.eye(hypothesis.free)))
+    return [hypothesis.moved(step) for step in steps.tolist()]
 
 
 def _deltas(found: Comparison) -> tuple[Floats, Floats]:

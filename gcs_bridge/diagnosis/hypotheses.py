@@ -3,19 +3,39 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.attitude import angle_between, quaternion_from_rpy
+from gcs_bridge.attitude import (
+    angle_between,
+    multiply,
+    quaternion_from_rotvec,
+    quaternion_from_rpy,
+    rpy_from_quaternion,
+)
 from gcs_bridge.causes import CAUSES, Cause, Parameter, Value
+from gcs_bridge.expected.correction import Correction
 
 Floats = npt.NDArray[np.float64]
 Mistakes = tuple[tuple[str, Value], ...]
 Side = Literal["rpy", "quaternion", "time"]
+
+
+def _with_ahrs_trim(rpy_rad: npt.NDArray[Any], trim_deg: Value) -> Floats:
+    """What ArduPilot sends for attitudes that the quaternion has as they are."""
+    x, y = np.radians(trim_deg)
+    q_nb = multiply(quaternion_of_rpy(rpy_rad), quaternion_from_rotvec((x, y, 0.0)))
+    return np.asarray(rpy_from_quaternion(q_nb) - (x, y, 0.0))
+
+
+def _without_ahrs_trim(rpy_rad: npt.NDArray[Any], trim_deg: Value) -> Floats:
+    x, y = np.radians(trim_deg)
+    return np.asarray(rpy_from_quaternion(Correction(trim_x_rad=x, trim_y_rad=y).undo(rpy_rad)))
+
 
 PITCH_TRIM = Cause(
     name="pitch_trim",
@@ -23,13 +43,25 @@ PITCH_TRIM = Cause(
     acts_on="rpy",
     falsify=lambda rpy, trim_deg: rpy - np.radians([0.0, *trim_deg, 0.0]),
     undo=lambda rpy, trim_deg: rpy + np.radians([0.0, *trim_deg, 0.0]),
-    parameter=Parameter(unit="deg"),
-    fix="Nothing, if PTCH_TRIM_DEG is {value}: ArduPlane takes its pitch trim off ATTITUDE on purpose.",
+    parameter=Parameter(unit="deg", most=15.0),
+    fix="For this PTCH_TRIM_DEG must be {value}, which was not told: ask for the parameter.",
     origin="ArduPlane's pitch trim, which ATTITUDE has and the quaternion has not.",
 )
-"""No mistake, and so not in the table; but a turned body looks the same while a plane does not bank."""
+AHRS_TRIM = Cause(
+    name="ahrs_trim",
+    message=30,
+    acts_on="rpy",
+    falsify=_with_ahrs_trim,
+    undo=_without_ahrs_trim,
+    parameter=Parameter(unit="deg", count=2, most=10.0),
+    fix="For this AHRS_TRIM_X and AHRS_TRIM_Y must be {value}, which was not told: ask for the parameters.",
+    origin="ArduPilot's trim of the board: taken off ATTITUDE's angles, and turned out of the quaternion.",
+)
+TRIMS = {row.name: row for row in (PITCH_TRIM, AHRS_TRIM)}
+"""No mistakes, and so not in the table: but where they are not told they look like one, or hide one."""
 
-_ROWS = {**CAUSES, PITCH_TRIM.name: PITCH_TRIM}
+ROWS = {**CAUSES, **TRIMS}
+"""All that a hypothesis may name."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +78,17 @@ class Hypothesis:
     @property
     def rows(self) -> tuple[Cause, ...]:
         """The mistakes' rows in the table."""
-        return tuple(_ROWS[name] for name in self.causes)
+        return tuple(ROWS[name] for name in self.causes)
 
     @property
     def name(self) -> str:
         """As a report names it."""
         return "+".join(self.causes)
+
+    @property
+    def mistaken(self) -> tuple[str, ...]:
+        """The names of what is a mistake: no trims."""
+        return tuple(name for name in self.causes if name not in TRIMS)
 
     @property
     def numbers(self) -> int:
@@ -67,9 +104,24 @@ class Hypothesis:
         """This, and `name` undone after it."""
         return Hypothesis((*self.mistakes, (name, value)))
 
+    @property
+    def free(self) -> int:
+        """How many numbers it has beside a lag."""
+        return sum(len(value) for name, value in self.mistakes if name != "time_skew")
+
+    def moved(self, by: Sequence[float]) -> Hypothesis:
+        """The same with other numbers: each, but a lag, by so much more."""
+        more = iter(by)
+        return Hypothesis(
+            tuple(
+                (name, value if name == "time_skew" else tuple(number + next(more) for number in value))
+                for name, value in self.mistakes
+            )
+        )
+
     def of(self, side: Side) -> Mistakes:
         """The mistakes of one side alone."""
-        return tuple(mine for mine in self.mistakes if _ROWS[mine[0]].acts_on == side)
+        return tuple(mine for mine in self.mistakes if ROWS[mine[0]].acts_on == side)
 
     def undone(self, samples: Floats, side: Side) -> Floats:
         """What was sent on one side → what should have been: angles (n, 3), rad; quaternions (n, 4); times (n,), ms."""

@@ -52,8 +52,7 @@ class Window:
     attitude_of: AttitudeOf = plain_attitude
     clean_before: bool = False
     reset: bool = False
-    autopilot: str = "unknown"
-    type: str = "unknown"
+    trims: tuple[str, ...] = ()
 
 
 class Stream(NamedTuple):

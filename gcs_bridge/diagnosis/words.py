@@ -30,10 +30,13 @@ def amount(row: Cause, value: Value) -> str:
 
 def advice(hypothesis: Hypothesis) -> str:
     """What to change, a sentence for each mistake."""
-    return " ".join(
+    sentences = [
         row.fix.replace("{value}", amount(row, value))
         for row, (_, value) in zip(hypothesis.rows, hypothesis.mistakes, strict=True)
-    )
+    ]
+    if {"mount_offset", "ahrs_trim"} <= set(hypothesis.causes):  # the same for every motion, about z by a little
+        sentences.append("AHRS_TRIM_X may be another: beside a turned body it does not show.")
+    return " ".join(sentences)
 
 
 # --- which motion would tell -----------------------------------------------------------------------------------------

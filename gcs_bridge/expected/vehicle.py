@@ -47,18 +47,20 @@ class Corrected:
     """n Euler samples with the expected differences undone.
 
     `q_nb` (n, 4) [w, x, y, z], FRD to NED; `causes` (n,) bits PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what turned a sample
-    by more than 0.02°; `applied`: rows, and what was undone there; nothing was elsewhere.
+    by more than 0.02°; `untold` (n,) bits of what may be in it, was not told and not fitted yet; `applied`: rows, and
+    what was undone there; nothing was elsewhere.
     """
 
     q_nb: Floats
     causes: npt.NDArray[np.uint8]
+    untold: npt.NDArray[np.uint8]
     applied: tuple[tuple[Int64s, Correction], ...] = ()
 
     def __getitem__(self, part: slice) -> Corrected:
         """Some samples, one behind the other."""
         start, stop, _ = part.indices(len(self.q_nb))
         applied = ((rows[(rows >= start) & (rows < stop)] - start, correction) for rows, correction in self.applied)
-        return Corrected(self.q_nb[part], self.causes[part], tuple(applied))
+        return Corrected(self.q_nb[part], self.causes[part], self.untold[part], tuple(applied))
 
     def undo(self, rpy_rad: Floats, rows: Int64s) -> Floats:
         """What was undone at `rows` (n,) of the batch, undone in other angles (n, 3): q_nb (n, 4)."""
@@ -120,7 +122,7 @@ class Expected:
 
         `euler_ordinal` and `quaternion_ordinal` say the order of arrival among both and with what was told.
         """
-        q_nb, causes = euler.q_nb, np.zeros(len(euler), np.uint8)
+        q_nb, causes, untold = euler.q_nb, np.zeros(len(euler), np.uint8), np.zeros(len(euler), np.uint8)
         applied: list[tuple[Int64s, Correction]] = []
         news, self._news = self._news, []
         done = [0, 0]
@@ -133,7 +135,7 @@ class Expected:
             if upto != done and not self._told.makes_none:
                 e, q = slice(done[0], upto[0]), slice(done[1], upto[1])
                 for rows, corrected, turned_by, correction in self._take(
-                    euler[e], euler_ordinal[e], quaternion[q], quaternion_ordinal[q]
+                    euler[e], euler_ordinal[e], quaternion[q], quaternion_ordinal[q], untold[e]
                 ):
                     if q_nb is euler.q_nb:
                         q_nb = q_nb.copy()
@@ -142,7 +144,7 @@ class Expected:
             done = upto
             if what is not None:
                 self._learn(what)
-        return Corrected(q_nb, causes, tuple(applied))
+        return Corrected(q_nb, causes, untold, tuple(applied))
 
     def explanations(self) -> list[dict[str, Any]]:
         """The report's `explained_by`: what turned samples by more than 0.02°, in order of time."""
@@ -169,9 +171,17 @@ class Expected:
         self._views[HOVER].expect(tuple(dict.fromkeys((hover, forward, NOTHING))), told.open_view)
 
     def _take(
-        self, euler: AttitudeSamples, euler_ordinal: Int64s, quaternion: AttitudeSamples, quaternion_ordinal: Int64s
+        self,
+        euler: AttitudeSamples,
+        euler_ordinal: Int64s,
+        quaternion: AttitudeSamples,
+        quaternion_ordinal: Int64s,
+        untold: npt.NDArray[np.uint8],
     ) -> Iterator[tuple[Int64s, Floats, npt.NDArray[np.uint8], Correction]]:
-        """Take samples among which nothing was told; yield rows that are corrected, q_nb, causes and correction."""
+        """Take samples among which nothing was told; yield rows that are corrected, q_nb, causes and correction.
+
+        `untold` (n,), of the Euler samples, is filled.
+        """
         assert euler.rpy_rad is not None
         good = in_order(quaternion, self._quaternion)
         more = QuaternionRows(quaternion_ordinal, quaternion.t_boot_us, quaternion.q_nb, quaternion.w_nb_b_rad_s)
@@ -191,6 +201,8 @@ class Expected:
             ordinals = [int(part.ordinal[step.at]) for part, step in zip(parts, steps, strict=True) if step]
             ordinal = min(ordinals, default=None)
             count = end - start if ordinal is None else int(np.searchsorted(new.ordinal, ordinal, side="right"))
+            forward, hover = self._views
+            untold[start : start + count] = np.where(view[:count] == FORWARD, forward.untold, hover.untold)
             yield from self._undo(new.part(slice(count)), start)
             self._keep(parts, steps, ordinal)
             if count:

@@ -30,6 +30,7 @@ from gcs_bridge.expected.pairs import (
 )
 
 _MOST_PITCH_RAD = math.radians(15.0)  # a larger one is not fitted
+_BANK_RAD = math.radians(5.0)  # what shows less than the noise here shows nowhere
 _RECENT = 32  # pairs kept for fitting,
 _SPARSE_US = 1_000_000  # and one pair a second, as many, for what changes slowly
 _FIT_FIRST = (3, 4, 6, 8)  # denials after which two numbers are fitted,
@@ -57,13 +58,14 @@ class View:
         self.switched = False  # a fitted view was seen to go with the mode
         self.like_mount = self.like_sign = False  # so far a fitted pitch trim may be one of these
         self.settled = False  # both forms agreed before: a new difference may be a fault
+        self.banked = False  # both forms agreed in a bank: there is no AHRS_TRIM that shows
         self._noise_rad = noise_rad
         self._pitch_moves_rad = 2.0 * TOLD_APART * noise_rad  # so much, and the fit is no wrong sign
         self._comes_and_goes = comes_and_goes
         self._pitch_range = (math.inf, -math.inf)
         self._confirmed = False  # some pairs agreed with the correction
         self._expected: tuple[Correction, ...] = (NOTHING,)  # what was told, and what may hold instead of it
-        self._open = 0  # causes that may be fitted
+        self.open = 0  # causes that may be fitted
         self._recent = self._sparse = NO_PAIRS  # the latest pairs, and one a second
         self._denials = self._agreements = 0  # pairs in a row, up to the last one kept
         self._scanned = (np.empty(0, np.int64), np.empty(0, np.int64))  # the same up to each pair scanned
@@ -81,18 +83,23 @@ class View:
             self._denials = int(run_lengths(self._denied(other._recent), 0)[-1])
 
     @property
+    def untold(self) -> int:
+        """Causes that may be in the angles and are not undone: not told, not fitted, and nothing has ruled them out."""
+        return self.open & ~self.fitted & ~(AHRS_TRIM if self.banked else 0)
+
+    @property
     def denied(self) -> bool:
         """Whether the latest pairs deny the correction."""
         return self._denials >= IN_A_ROW
 
     def expect(self, expected: tuple[Correction, ...], open_causes: int) -> None:
         """Something was told: what it predicts holds from now on, unless it says nothing new here."""
-        if (expected, open_causes) == (self._expected, self._open):
+        if (expected, open_causes) == (self._expected, self.open):
             return
         fit_stands = self.fitted and not self.fitted & ~open_causes and expected[0] == self._expected[0]
         if not fit_stands and (expected[0] != self._expected[0] or self.fitted):
             self._hold(Step(0, expected[0]))
-        self._expected, self._open = expected, open_causes
+        self._expected, self.open = expected, open_causes
 
     def scan(self, pairs: Pairs, told: Knowledge, rival: Correction | None) -> Step | None:
         """Find the first of the pairs after which another correction holds; nothing is remembered yet.
@@ -123,12 +130,12 @@ class View:
             at = first(in_a_row((seen.residual(rival) <= self._noise_rad) & ~seen.free))
             if at is not None:
                 steps.append(Step(at, self.correction, self.fitted, gives_up=VTOL_VIEW))
-        if self._open & VTOL_VIEW and not self.fitted:
+        if self.open & VTOL_VIEW and not self.fitted:
             turn, fits = turn_about(seen.apart(NOTHING), _Y_AXIS, self._noise_rad)
             at = first(fits & (seen.free | (not self.settled)) & told.allows_view(turn))
             if at is not None:
                 steps.append(Step(at, Correction(view_rad=float(turn[at - n])), VTOL_VIEW))
-        if self._open & PITCH_TRIM:
+        if self.open & PITCH_TRIM:
             base = self._expected[0]._replace(pitch_rad=0.0)
             turn, fits = turn_about(seen.apart(base), pitch_axis(seen, base), NOISE_RAD)
             pitch = seen.rpy_rad[:, 1]
@@ -138,7 +145,7 @@ class View:
             at = first(fits & (told_apart | (not self.settled and not self.fitted)) & (np.abs(turn) <= _MOST_PITCH_RAD))
             if at is not None:
                 steps.append(Step(at, base._replace(pitch_rad=float(turn[at - n])), PITCH_TRIM))
-        if self._open & AHRS_TRIM:
+        if self.open & AHRS_TRIM:
             steps += self._trims(seen, denials, min((step.at for step in steps), default=n))
         if self.fitted and not self.proven:
             steps.append(Step(int(hot.argmax()), self._expected[0], gives_up=self.fitted))
@@ -153,6 +160,7 @@ class View:
             return NOTHING
         denials, agreements = (counts[: len(pairs)] for counts in self._scanned)
         self.settled |= bool(self._settling(pairs, agreements).any())
+        self.banked |= bool(_banking(pairs, agreements).any())
         self._denials, self._agreements = int(denials[-1]), int(agreements[-1])
         self._confirmed |= bool((agreements >= IN_A_ROW).any())
         self._test(pairs.part(denials == 0))
@@ -187,6 +195,8 @@ class View:
         self.proven |= moved and not self.like_mount
 
     def _hold(self, step: Step) -> None:
+        if step.correction != self.correction:
+            self.banked = False
         self.correction, self.fitted = step.correction, step.fitted
         self.proven, self.switched = step.fitted == AHRS_TRIM, False
         self.like_mount = self.like_sign = bool(step.fitted & PITCH_TRIM)
@@ -206,6 +216,8 @@ class View:
         """The first pairs that settle the view, and that prove its fit: what they make known holds behind them."""
         if not self.settled and (settling := self._settling(pairs, agreements)).any():
             yield int(settling.argmax())
+        if not self.banked and self.open & AHRS_TRIM and (banking := _banking(pairs, agreements)).any():
+            yield int(banking.argmax())
         if self.fitted and not self.proven:
             pitch, good = pairs.rpy_rad[:, 1], denials == 0
             low = np.minimum.accumulate(np.where(good, pitch, math.inf))
@@ -243,3 +255,8 @@ class View:
                 if fitted is not None:
                     return [Step(at, fitted, AHRS_TRIM)]
         return []
+
+
+def _banking(pairs: Pairs, agreements: Int64s) -> Mask:
+    """Pairs (n,) in which an AHRS_TRIM that was not undone would have shown."""
+    return np.asarray((agreements >= IN_A_ROW) & (np.abs(pairs.rpy_rad[:, 0]) > _BANK_RAD))
