@@ -154,6 +154,7 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     given: Path | None = arguments.recording and arguments.recording.resolve()
     os.chdir(HERE.parent)  # children find `benchmarks` there
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # an installation has its bytecode, and so must a checkout
     print(describe_machine(), flush=True)
     with tempfile.TemporaryDirectory() as folder:
         recording = given or Path(folder, "long.tlog")
