@@ -8,12 +8,10 @@ import numpy as np
 
 from gcs_bridge.flight import Flight
 from gcs_bridge.motion import MotionSamples, MotionTracker
-from gcs_bridge.viewer.rows import Floats, Rows, Times
+from gcs_bridge.viewer.rows import PLOT_HOLD_US, Floats, Rows, Times
 from gcs_bridge.viewer.scene import DOWN_M, MOTION, Key, path_of
 
 __all__ = ["MotionLines"]
-
-_HOLD_US = 200_000  # drawn five times a second: the eye sees no more in a plot, and each time costs as much as 100 rows
 
 
 class MotionLines:
@@ -24,7 +22,7 @@ class MotionLines:
         self.boot = boot
         self._paths = [path_of(key, "motion", name) for name in MOTION]
         self._arrow = path_of(key, "body", "down", "accelerometer")
-        self._tracker = MotionTracker(_HOLD_US)
+        self._tracker = MotionTracker(PLOT_HOLD_US)
         self._heading_deg = np.nan  # the last one drawn
 
     def feed(self, flight: Flight) -> Iterator[Rows]:

@@ -18,7 +18,10 @@ from gcs_bridge.events import Event
 from gcs_bridge.judge import Observation
 from gcs_bridge.viewer.scene import UTC, boot_timeline
 
-__all__ = ["Moment", "Rows", "Times", "moment_of", "pair_times"]
+__all__ = ["PLOT_HOLD_US", "Moment", "Rows", "Times", "moment_of", "pair_times"]
+
+PLOT_HOLD_US = 200_000
+"""A live link's plots grow five times a second: the eye sees no more, and each time costs as much as 100 rows."""
 
 Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]

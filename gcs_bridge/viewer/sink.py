@@ -25,7 +25,7 @@ from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.motion_lines import MotionLines
 from gcs_bridge.viewer.open import ViewerSink
 from gcs_bridge.viewer.processes import Window
-from gcs_bridge.viewer.rows import Moment, Rows, Times, moment_of, pair_times
+from gcs_bridge.viewer.rows import PLOT_HOLD_US, Moment, Rows, Times, moment_of, pair_times
 from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, Key, boot_timeline, path_of
 
 __all__ = ["RerunSink", "new_recording"]
@@ -92,6 +92,7 @@ class RerunSink(ViewerSink):
         self._rec = recording
         self._live = live
         self._gather = gather
+        self._holds = live and gather == 1  # plots, not attitudes
         self._waiting: dict[tuple[int | str, ...], list[Rows]] = {}
         self._window = window
         self._vehicles: dict[Key, _Vehicle] = {}
@@ -121,6 +122,8 @@ class RerunSink(ViewerSink):
 
     def event(self, event: Event) -> None:
         """Write an event into the log, and what it means for the comparison into its lane."""
+        if self._holds:
+            self.flush()  # the plots lead up to it, and none waits for more when a stream falls silent
         name = event["event"]
         moment = moment_of(event)
         if moment.t_boot_us is None and moment.t_rx_us < 0:
@@ -204,8 +207,8 @@ class RerunSink(ViewerSink):
         rpy_rad = attitude.rpy_from_quaternion(samples.q_nb) if samples.rpy_rad is None else samples.rpy_rad
         angles = dict(zip(ANGLES, np.degrees(rpy_rad).T, strict=True))
         xyzw = attitude.xyzw_from_wxyz(samples.q_nb)
-        numbers = {path_of(key, name, source): degrees for name, degrees in angles.items()}
-        self._draw_rows(Rows(times, {path_of(key, "body", source): xyzw}, numbers))
+        self._draw_rows(Rows(times, {path_of(key, "body", source): xyzw}))
+        self._draw_rows(Rows(times, numbers={path_of(key, name, source): values for name, values in angles.items()}))
 
     def _draw_disagreement(self, key: Key, vehicle: _Vehicle, observation: Observation) -> None:
         segment, found, times = observation.segment, observation.disagreement, pair_times(observation)
@@ -260,7 +263,12 @@ class RerunSink(ViewerSink):
         """Draw rows now, or with those that follow."""
         waiting = self._waiting.setdefault((rows.times.boot, *rows.paths), [])
         waiting.append(rows)
-        if sum(len(one.times) for one in waiting) >= self._gather:
+        if self._holds and not rows.attitudes:
+            first_us, last_us = waiting[0].times.t_boot_us[0], rows.times.t_boot_us[-1]
+            enough = abs(last_us - first_us) >= PLOT_HOLD_US
+        else:
+            enough = sum(len(one.times) for one in waiting) >= self._gather
+        if enough:
             Rows.joined(waiting).send(self._rec)
             waiting.clear()
 

@@ -17,10 +17,12 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 from viewer_tools import FIXTURES, Drawn, drawn, eventually, verify
 
+from gcs_bridge import Monitor
 from gcs_bridge.cli import main
 from gcs_bridge.desk import AlarmRecord
 from gcs_bridge.events import make_event
 from gcs_bridge.viewer import open_viewer
+from gcs_bridge.viewer.sink import RerunSink, new_recording
 
 LEVEL = (0.0, 0.0, 0.0)
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
@@ -184,6 +186,29 @@ def test_how_the_bytes_were_cut_does_not_change_what_is_drawn(tmp_path: Path) ->
             assert len(values) > 100
             assert np.array_equal(times, times_often)
             assert np.array_equal(values, values_often, equal_nan=True)
+
+
+def test_live_attitudes_come_at_once_and_plots_soon(tmp_path: Path) -> None:
+    """Of a live flight each attitude is there at once, the plots within 0.2 s, and all of them with the next event."""
+    path, told = tmp_path / "live.rrd", []
+    recording = new_recording("by hand", live=True)
+    recording.save(path)
+    sink = RerunSink(recording, live=True)
+    monitor = Monitor(observer=sink.observe)
+    data = (FIXTURES / "b_copter_acro.tlog").read_bytes()[:200_000]
+    for at in range(0, len(data), 600):
+        told += monitor.feed_recording(data[at : at + 600])
+    recording.flush()
+    names = {"body/quaternion": "Transform3D:quaternion", "roll/quaternion": "Scalars:scalars"}
+    seen = [Drawn(path).rows(f"/vehicle/1.1/{entity}", component)[0] for entity, component in names.items()]
+    assert len(seen[0]) > 300
+    assert 0 < len(seen[0]) - len(seen[1]) <= 10
+    assert seen[0][-1] - seen[1][-1] <= 200_000
+    sink.event(told[-1])
+    recording.flush()
+    np.testing.assert_array_equal(
+        Drawn(path).rows("/vehicle/1.1/roll/quaternion", names["roll/quaternion"])[0], seen[0]
+    )
 
 
 def test_attitudes_that_are_none_are_left_out(tmp_path: Path) -> None:
