@@ -40,6 +40,7 @@ RPY = {
     "euler_degrees": np.radians,
     "euler_xyz_order": lambda rpy: Rotation.from_euler("XYZ", rpy).as_euler("ZYX")[:, ::-1],
 }
+TRIMS = ("ahrs_trim", "pitch_trim")
 OFFSETS = ("yaw_offset", "mount_offset", "world_offset")
 RECORD = struct.Struct("<I7f")
 
@@ -208,7 +209,7 @@ def _leaves_deg(sent: Sent, candidate: str, interpolation: Interpolation) -> flo
     if set(names) & set(OFFSETS) and "ahrs_trim" in names:
         names = 3 * names  # each is found better with the other undone
     for name in names:
-        needs_value = name in (*OFFSETS, "time_skew", "pitch_trim", "ahrs_trim")
+        needs_value = name in (*OFFSETS, *TRIMS, "time_skew")
         sent = undone(sent, name, fitted(sent, name, interpolation) if needs_value else ())
     return float(np.median(disagreement(sent, interpolation)[1]))
 
@@ -223,8 +224,9 @@ def apart_deg(truth: Sequence[tuple[str, Sequence[float]]], named: Sequence[tupl
     found = []
     for mistakes in (truth, named):
         angles = rpy
-        for name, _ in mistakes:
-            angles = RPY[name](angles) if name in RPY else angles
+        for name, value in mistakes:
+            if name in RPY or name in TRIMS:
+                angles = undone(Sent(np.zeros(len(rpy)), angles, np.zeros(0), np.zeros((0, 4))), name, value).rpy_rad
         q = euler_rotation(angles)
         for name, value in reversed(list(mistakes)):
             q = _made(q, name, value)

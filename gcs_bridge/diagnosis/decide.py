@@ -36,7 +36,6 @@ SHARP, _GIVES_WAY = 0.25, 5.0
 # Wide bounds excuse no median of so many times the best one's, which shows what the alignment's error really is, and of
 # so many noise floors.
 _EXCUSED, _EXCUSED_FLOORS = 3.0, 2.0
-_FLOORED = 0.02  # what scores less leaves nothing to explain
 _BETTER = 0.5  # a hypothesis scores below this share of what no mistake at all scores
 _BAD_PAIRS = 3  # as many as the alarm asks for
 _SOME, _FEW = 240, 80  # pairs to screen and fit by, and to search by
@@ -125,15 +124,16 @@ class Case:
         some = self._some
         one = fits.turned(some, [NO_MISTAKE], _ABOUT_ONE)
         one += self._skewed()
-        one += self._trimmed()
         tried = self._tried([*SIMPLE, *one])
+        if self._trims:
+            tried += self._tried(self._trimmed(tried[: len(SIMPLE)]))
         found = self._tied(tried)
         if all(one.hypothesis.numbers and one.hypothesis.name != "yaw_offset" for one in found):
             # Until the vehicle turns, what looks like a turn of the body about one axis may be one of the world.
             tried += self._tried(fits.turned(some, [NO_MISTAKE], _ABOUT_ANY))
             found = self._tied(tried)
-        if self._trims and _best(found) > _FLOORED:
-            more = self._tried(self._trimmed_and_one())
+        if self._trims:
+            more = self._tried(self._trimmed_and_one(found))
             found = _with_trims(found, self._tied(more))
             tried += more
         sharp = SHARP / _GIVES_WAY if self._hidden else SHARP
@@ -161,20 +161,24 @@ class Case:
 
     # Hypotheses with a trim that was not told
 
-    def _trimmed(self) -> list[Hypothesis]:
+    def _trimmed(self, simple: Sequence[Tried]) -> list[Hypothesis]:
         """A trim alone, and beside each simple mistake that leaves no more than one can make."""
-        if not self._trims:
-            return []
-        near = [one.hypothesis for one in self._rate([NO_MISTAKE, *SIMPLE], self._few) if one.median_rad < _TRIM_RAD]
-        return [one for trim in self._trims for one in fits.trimmed(self._few, near, trim)]
+        near = [one.hypothesis for one in (self._as_sent, *simple) if one.median_rad < _TRIM_RAD]
+        return self._fit_trims(self._few, near)
 
-    def _trimmed_and_one(self) -> list[Hypothesis]:
-        """A trim beside a turn, and beside a lag."""
-        turns = fits.turned(self._few, [NO_MISTAKE], (fits.YAW, *_ABOUT_ANY))
-        made = [one for trim in self._trims for one in fits.trimmed(self._few, turns, trim)]
-        if self._skew_s:
-            back = self._back(self._few, self._skew_s)
-            made += self._refined([one for trim in self._trims for one in fits.trimmed(back, [NO_MISTAKE], trim)])
+    def _fit_trims(self, pairing: Pairing, bases: Sequence[Hypothesis]) -> list[Hypothesis]:
+        return [one for trim in self._trims for one in fits.trimmed(pairing, bases, trim)]
+
+    def _trimmed_and_one(self, found: Sequence[Tried]) -> list[Hypothesis]:
+        """A trim beside a turn, and beside a lag, where what was found so far does not exclude them."""
+        told = {name for one in found if one.score <= SHARP for name in one.hypothesis.mistaken}
+        made: list[Hypothesis] = []
+        if not told or any(one.hypothesis.numbers and "time_skew" not in one.hypothesis.causes for one in found):
+            turns = fits.turned(self._few, [NO_MISTAKE], (fits.YAW, *_ABOUT_ANY))
+            made += self._fit_trims(self._few, turns)
+        if self._skew_s and (not told or "time_skew" in told):
+            skewed = self._refined(self._fit_trims(self._back(self._few, self._skew_s), [NO_MISTAKE]))
+            made += [one for one in skewed if abs(one.skew_ms) > _NAMED_MS]
         return made
 
     # Hypotheses of two mistakes
@@ -292,14 +296,22 @@ def _onset(residual_rad: Floats, bound_rad: Floats) -> int:
 
 
 def _with_trims(found: Sequence[Tried], trimmed: Sequence[Tried]) -> list[Tried]:
-    """What explains, and what explains beside a trim: as that is no second mistake, what it betters it replaces."""
-    better = [one for one in trimmed if one.score < min(SHARP, _best(found) / _GIVES_WAY)]
-    stays = [one for one in found if one.score <= SHARP or not better]
-    kept = {one.hypothesis.mistaken: one for one in reversed([*stays, *better])}
-    for one in (*found, *trimmed):
-        if one.score < _BETTER * kept.get(one.hypothesis.mistaken, one).score:
-            kept[one.hypothesis.mistaken] = one
-    return sorted(kept.values(), key=lambda one: _likeliest(one.hypothesis))
+    """What explains, and what explains sharply beside a trim, which is no second mistake.
+
+    What that betters it replaces. Else it is tied if it takes no more numbers, or gives the same mistake other ones.
+    """
+    sharp = [one for one in trimmed if one.score <= SHARP]
+    better = [one for one in sharp if one.score < _best(found) / _GIVES_WAY]
+    kept: list[Tried] = []
+    for one in (*(one for one in found if one.score <= SHARP or not better), *sharp):
+        same = [other for other in kept if other.hypothesis.mistaken == one.hypothesis.mistaken]
+        if any(one.score < _BETTER * other.score for other in same):
+            kept = [*(other for other in kept if other not in same), one]
+        elif same:
+            kept += [one] * (not any(_same_mistake(one.hypothesis, other.hypothesis) for other in same))
+        elif one in found or one in better or all(one.hypothesis.numbers <= of.hypothesis.numbers for of in kept):
+            kept.append(one)
+    return sorted(kept, key=lambda one: _likeliest(one.hypothesis))
 
 
 def _best(found: Sequence[Tried]) -> float:
@@ -337,6 +349,11 @@ def _by_name(hypothesis: Hypothesis) -> Hypothesis:
 def alike(one: Hypothesis, other: Hypothesis) -> bool:
     """Whether two hypotheses are nearly the same for every motion."""
     return abs(one.skew_ms - other.skew_ms) < _NAMED_MS and apart_rad(one, other) < _NAMED_RAD
+
+
+def _same_mistake(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two hypotheses are nearly the same but for their trims."""
+    return alike(*(Hypothesis(tuple(of for of in each.mistakes if of[0] not in TRIMS)) for each in (one, other)))
 
 
 def _covers(one: Hypothesis, other: Hypothesis) -> bool:

@@ -88,19 +88,21 @@ def _stepped(pairing: Pairing, hypotheses: Sequence[Hypothesis], *, robust: bool
     every = pairing.compare([one for around in nearby for one in around])
     # Pairs of which something is unknown have no weight, and no numbers.
     rotvec, weight = np.nan_to_num(attitude.rotvec_from_quaternion(_deltas(every)[0])), _weights(every)
-    moved, left_rad, row = [], [], 0
-    for around in nearby:
-        now, beside = rotvec[row], rotvec[row + 1 : row + len(around)]
-        plain = weight[row]
-        size2 = np.square(now).sum(axis=1)
-        left_rad.append(float(np.sqrt((plain * size2).sum() / max(plain.sum(), 1e-30))))
-        row += len(around)
-        weights = plain / (1.0 + size2 * plain) if robust else plain
-        slopes = ((beside - now) / _TRIM_SLOPE_DEG).reshape(len(beside), -1)
-        normal = (slopes * np.repeat(weights, 3)) @ slopes.T
-        step_deg = -np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ (slopes @ (now * weights[:, None]).ravel())
-        moved.append(around[0].moved(np.clip(step_deg, -_TRIM_STEP_DEG, _TRIM_STEP_DEG).tolist()))
-    return moved, np.array(left_rad)
+    counts = np.array([len(around) for around in nearby])
+    first = np.cumsum(counts) - counts
+    number = np.arange(1, counts.max())
+    beside = first[:, None] + np.where(number < counts[:, None], number, 0)  # a number too many has no slope
+    now, weight = rotvec[first], weight[first]
+    slopes = ((rotvec[beside] - now[:, None]) / _TRIM_SLOPE_DEG).reshape(*beside.shape, -1)
+    size2 = np.square(now).sum(axis=-1)
+    left_rad = np.sqrt((weight * size2).sum(axis=-1) / np.maximum(weight.sum(axis=-1), 1e-30))
+    if robust:
+        weight = weight / (1.0 + size2 * weight)
+    weighted = slopes * np.repeat(weight, 3, axis=-1)[:, None]
+    inverse = np.linalg.pinv(weighted @ np.swapaxes(slopes, 1, 2), rcond=1e-9, hermitian=True)
+    step_deg = -(inverse @ (weighted @ now.reshape(len(now), -1, 1)))[..., 0]
+    step_deg = np.clip(step_deg, -_TRIM_STEP_DEG, _TRIM_STEP_DEG)
+    return [one.moved(step[: one.free]) for one, step in zip(hypotheses, step_deg.tolist(), strict=True)], left_rad
 
 
 def _nearby(hypothesis: Hypothesis) -> list[Hypothesis]:
