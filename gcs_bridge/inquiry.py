@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.align import Pairs
-from gcs_bridge.expected import AHRS_TRIM, CAUSE_NAMES, PITCH_TRIM, Corrected
+from gcs_bridge.expected import CAUSE_NAMES, Corrected
 from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples, no_attitudes
 from gcs_bridge.settings import Settings
 
@@ -155,7 +155,8 @@ class Inquiry:
         batch = np.concatenate([np.full(len(rows), index) for index, rows in origin])
         row = np.concatenate([rows for _, rows in origin])
         kept = list(self._kept)
-        trims = int(kept[batch[-1]].corrected.untold[row[-1]]) if len(row) else 0  # as it is known in the end
+        untold = [kept[index].corrected.untold[rows] for index, rows in origin]
+        trims = int(np.bitwise_or.reduce(np.concatenate(untold))) if untold else 0
 
         def attitude_of(rpy_rad: Floats, asked: Int64s) -> Floats:
             q_nb = np.empty((len(rpy_rad), 4))
@@ -169,7 +170,7 @@ class Inquiry:
             "quaternion": AttitudeSamples.joined(quaternion),
             "attitude_of": attitude_of,
             "clean_before": self._clean_before(case.onset_us),
-            "trims": tuple(CAUSE_NAMES[one] for one in (PITCH_TRIM, AHRS_TRIM) if trims & one),
+            "trims": tuple(name for bit, name in CAUSE_NAMES.items() if trims & bit),
             "reset": any(
                 known <= ordinal and abs(t_us - case.onset_us) < _RESET_NEAR_US for known, t_us in self._resets
             ),

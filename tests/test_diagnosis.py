@@ -23,7 +23,7 @@ import gcs_bridge
 from gcs_bridge import diagnosis
 from gcs_bridge.causes import CAUSES
 from gcs_bridge.diagnosis import Diagnosis, Window, diagnose, diagnose_norm
-from gcs_bridge.diagnosis.hypotheses import AHRS_TRIM
+from gcs_bridge.diagnosis.hypotheses import AHRS_TRIM, VTOL_VIEW
 from gcs_bridge.inject import inject, parse_fault
 from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples
 from gcs_bridge.settings import AlignmentSettings
@@ -578,6 +578,51 @@ def test_a_mistake_beside_an_untold_trim(tmp_path: Path, name: str, rates: str, 
         np.testing.assert_allclose(found["value"], TRIMMED[name], atol=0.05)
     else:
         assert found["value"] == pytest.approx(float(value), abs=5.0 if cause == "time_skew" else 0.2)
+
+
+@pytest.mark.parametrize("view_deg", [4.0, 90.0])
+def test_a_view_by_scipy(view_deg: float) -> None:
+    """ATTITUDE of a hovering plane is that of a body pitched down by the view; undone, it is the quaternion's again."""
+    q_nb = Rotation.from_euler("ZYX", np.random.default_rng(5).uniform(-1.2, 1.2, (50, 3)))
+    sent = rpy(q_nb * Rotation.from_euler("y", -view_deg, degrees=True))
+    assert VTOL_VIEW.undo is not None
+    assert VTOL_VIEW.falsify is not None
+    undone = oracle.euler_rotation(VTOL_VIEW.undo(sent, (view_deg,)))
+    made_again = oracle.euler_rotation(VTOL_VIEW.falsify(rpy(q_nb), (view_deg,)))
+    np.testing.assert_allclose((undone.inv() * q_nb).magnitude(), 0, atol=1e-9)
+    np.testing.assert_allclose((made_again.inv() * oracle.euler_rotation(sent)).magnitude(), 0, atol=1e-9)
+
+
+def staggered(folder: Path, name: str) -> Path:
+    """A recording without each second ATTITUDE and the ATTITUDE_QUATERNION between: never of one instant."""
+    seen, kept = {30: 0, 31: 1}, []
+    for t_us, frame in records((SITL / f"{name}.tlog").read_bytes()):
+        msgid = int.from_bytes(frame[7:10], "little")
+        seen[msgid] = seen.get(msgid, 0) + 1
+        if msgid not in (30, 31) or seen[msgid] % 2:
+            kept.append(record(t_us, frame))
+    path = folder / "staggered.tlog"
+    path.write_bytes(b"".join(kept))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "cause", "value"),
+    [
+        ("j_ahrs_trim5", "ahrs_trim", [5.0, -3.0]),
+        ("d_plane_pitchtrim3", "pitch_trim", 3.0),
+        ("d_tailsitter", "vtol_view", 90.0),
+    ],
+)
+def test_no_mistake_is_made_of_what_a_firmware_does(tmp_path: Path, name: str, cause: str, value: Any) -> None:
+    """Where the two never share an instant, untold trims and views cannot be fitted: the doctor names them first."""
+    (vehicle,) = gcs_bridge.check(staggered(tmp_path, name)).to_dict()["files"][0]["vehicles"]
+    found = [alarm["diagnosis"] for alarm in vehicle["alarms"] if alarm["check"] == "euler_quaternion"]
+    assert found
+    for one in found:
+        assert one["candidates"][0] == cause
+        np.testing.assert_allclose(one["value"], value, atol=0.1)
+        assert "parameter" in one["fix"]
 
 
 def test_rates_that_are_no_numbers_hide_no_trim(tmp_path: Path) -> None:

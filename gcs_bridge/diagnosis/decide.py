@@ -16,7 +16,16 @@ import numpy.typing as npt
 
 from gcs_bridge.causes import CAUSES
 from gcs_bridge.diagnosis import fits
-from gcs_bridge.diagnosis.hypotheses import AHRS_TRIM, NO_MISTAKE, SIMPLE, TRIMS, Hypothesis, apart_rad, doubles
+from gcs_bridge.diagnosis.hypotheses import (
+    AHRS_TRIM,
+    NO_MISTAKE,
+    SIMPLE,
+    TRIMS,
+    VTOL_VIEW,
+    Hypothesis,
+    apart_rad,
+    doubles,
+)
 from gcs_bridge.diagnosis.pairs import Comparison, Pairing, set_back
 from gcs_bridge.settings import AlignmentSettings
 
@@ -42,6 +51,7 @@ _SOME, _FEW = 240, 80  # pairs to screen and fit by, and to search by
 _LEAST, _LEAST_FITTED, _LEAST_TWO = 5, 8, 20  # pairs to name: one mistake, nothing but fits of numbers, two mistakes
 _EARLY = 2  # pairs that may lie on both sides of the onset: interpolated between an attitude before and one after it
 _NEAR_RAD = np.radians(3.0)  # a lag not yet refined leaves no more
+_PITCHED = fits.MOUNT_ABOUT_ONE[1]
 _ABOUT_ONE, _ABOUT_ANY = (fits.YAW, *fits.MOUNT_ABOUT_ONE), (fits.MOUNT, fits.WORLD)
 _TELLS_RAD = np.radians(2.0)  # a bound below it excuses no mistake that anyone makes
 _TRIM_RAD = np.radians(10.0)  # as much as a trim may make
@@ -164,10 +174,13 @@ class Case:
     def _trimmed(self, simple: Sequence[Tried]) -> list[Hypothesis]:
         """A trim alone, and beside each simple mistake that leaves no more than one can make."""
         near = [one.hypothesis for one in (self._as_sent, *simple) if one.median_rad < _TRIM_RAD]
-        return self._fit_trims(self._few, near)
+        views = fits.turned(self._some, [NO_MISTAKE], [_PITCHED]) if VTOL_VIEW.name in self._trims else []
+        made = [NO_MISTAKE.and_then(VTOL_VIEW.name, view.mistakes[0][1][1]) for view in views]
+        return made + self._fit_trims(self._few, near)
 
     def _fit_trims(self, pairing: Pairing, bases: Sequence[Hypothesis]) -> list[Hypothesis]:
-        return [one for trim in self._trims for one in fits.trimmed(pairing, bases, trim)]
+        trims = (trim for trim in self._trims if trim != VTOL_VIEW.name)  # that is no small turn
+        return [one for trim in trims for one in fits.trimmed(pairing, bases, trim)]
 
     def _trimmed_and_one(self, found: Sequence[Tried]) -> list[Hypothesis]:
         """A trim beside a turn, and beside a lag, where what was found so far does not exclude them."""
@@ -281,7 +294,7 @@ class Case:
         unique: dict[str, Tried] = {}
         for one in sorted(tied, key=lambda one: (*_likeliest(one.hypothesis)[:2], one.score)):
             named = replace(one, hypothesis=_by_name(one.hypothesis))
-            if not any(alike(named.hypothesis, other.hypothesis) for other in unique.values()):
+            if not any(_same(named.hypothesis, other.hypothesis) for other in unique.values()):
                 unique.setdefault(named.hypothesis.name, named)
         return sorted(unique.values(), key=lambda one: _likeliest(one.hypothesis))
 
@@ -349,6 +362,11 @@ def _by_name(hypothesis: Hypothesis) -> Hypothesis:
 def alike(one: Hypothesis, other: Hypothesis) -> bool:
     """Whether two hypotheses are nearly the same for every motion."""
     return abs(one.skew_ms - other.skew_ms) < _NAMED_MS and apart_rad(one, other) < _NAMED_RAD
+
+
+def _same(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether only one of two hypotheses need be named: they mean the same, and either both or none is a mistake."""
+    return bool(one.mistaken) == bool(other.mistaken) and alike(one, other)
 
 
 def _same_mistake(one: Hypothesis, other: Hypothesis) -> bool:

@@ -37,6 +37,12 @@ def _without_ahrs_trim(rpy_rad: npt.NDArray[Any], trim_deg: Value) -> Floats:
     return np.asarray(rpy_from_quaternion(Correction(trim_x_rad=x, trim_y_rad=y).undo(rpy_rad)))
 
 
+def _seen_from(rpy_rad: npt.NDArray[Any], pitch_deg: float) -> Floats:
+    """The angles of a body that is pitched."""
+    turn = quaternion_from_rotvec((0.0, np.radians(pitch_deg), 0.0))
+    return np.asarray(rpy_from_quaternion(multiply(quaternion_of_rpy(rpy_rad), turn)))
+
+
 PITCH_TRIM = Cause(
     name="pitch_trim",
     message=30,
@@ -57,7 +63,18 @@ AHRS_TRIM = Cause(
     fix="For this AHRS_TRIM_X and AHRS_TRIM_Y must be {value}, which was not told: ask for the parameters.",
     origin="ArduPilot's trim of the board: taken off ATTITUDE's angles, and turned out of the quaternion.",
 )
-TRIMS = {row.name: row for row in (PITCH_TRIM, AHRS_TRIM)}
+VTOL_VIEW = Cause(
+    name="vtol_view",
+    message=30,
+    acts_on="rpy",
+    falsify=lambda rpy, view_deg: _seen_from(rpy, -view_deg[0]),
+    undo=lambda rpy, view_deg: _seen_from(rpy, view_deg[0]),
+    parameter=Parameter(unit="deg", most=100.0),
+    fix="For this the view of the hovering plane must be pitched by {value} (Q_TRIM_PITCH, and 90° on tailsitters), "
+    "which was not told: ask for the parameters.",
+    origin="ATTITUDE of a plane that hovers, which shows a pitched body; the quaternion does not.",
+)
+TRIMS = {row.name: row for row in (PITCH_TRIM, AHRS_TRIM, VTOL_VIEW)}
 """No mistakes, and so not in the table: but where they are not told they look like one, or hide one."""
 
 ROWS = {**CAUSES, **TRIMS}

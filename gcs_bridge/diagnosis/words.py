@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from gcs_bridge import attitude
 from gcs_bridge.causes import Cause, Value
-from gcs_bridge.diagnosis.hypotheses import Hypothesis, quaternion_of_rpy
+from gcs_bridge.diagnosis.hypotheses import TRIMS, Hypothesis, quaternion_of_rpy
 from gcs_bridge.diagnosis.pairs import Comparison, Pairing
 
 Floats = npt.NDArray[np.float64]
@@ -78,6 +78,8 @@ def telling_motion(found: Sequence[Hypothesis], pairing: Pairing) -> str:
         left = _left_deg(truth, other, pairing, turns)
         separates &= left.reshape(len(_MOTIONS), -1).min(axis=1) > _TELLS_DEG
     told = np.flatnonzero(separates)
+    if not len(told) and any(name in TRIMS for one in found for name in one.causes):
+        return "The vehicle's parameters tell: ask for them."
     if not len(told):
         return "Fly in all axes: the motion so far cannot tell them apart."
     words = _MOTIONS[int(told[0])].words
