@@ -51,7 +51,7 @@ _SOME, _FEW = 240, 80  # pairs to screen and fit by, and to search by
 _LEAST, _LEAST_FITTED, _LEAST_TWO = 5, 8, 20  # pairs to name: one mistake, nothing but fits of numbers, two mistakes
 _EARLY = 2  # pairs that may lie on both sides of the onset: interpolated between an attitude before and one after it
 _NEAR_RAD = np.radians(3.0)  # a lag not yet refined leaves no more
-_PITCHED = fits.MOUNT_ABOUT_ONE[1]
+_PITCHED = fits.MOUNT_ABOUT_ONE[1]  # about the body's y
 _ABOUT_ONE, _ABOUT_ANY = (fits.YAW, *fits.MOUNT_ABOUT_ONE), (fits.MOUNT, fits.WORLD)
 _TELLS_RAD = np.radians(2.0)  # a bound below it excuses no mistake that anyone makes
 _TRIM_RAD = np.radians(10.0)  # as much as a trim may make
@@ -321,7 +321,8 @@ def _with_trims(found: Sequence[Tried], trimmed: Sequence[Tried]) -> list[Tried]
         if any(one.score < _BETTER * other.score for other in same):
             kept = [*(other for other in kept if other not in same), one]
         elif same:
-            kept += [one] * (not any(_same_mistake(one.hypothesis, other.hypothesis) for other in same))
+            news = not any(_same_mistake(one.hypothesis, other.hypothesis) for other in same)
+            kept += [one] if news else []
         elif one in found or one in better or all(one.hypothesis.numbers <= of.hypothesis.numbers for of in kept):
             kept.append(one)
     return sorted(kept, key=lambda one: _likeliest(one.hypothesis))

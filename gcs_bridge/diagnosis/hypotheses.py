@@ -75,7 +75,7 @@ VTOL_VIEW = Cause(
     origin="ATTITUDE of a plane that hovers, which shows a pitched body; the quaternion does not.",
 )
 TRIMS = {row.name: row for row in (PITCH_TRIM, AHRS_TRIM, VTOL_VIEW)}
-"""No mistakes, and so not in the table: but where they are not told they look like one, or hide one."""
+"""Trims and views: no mistakes, so not in the table; but where nobody tells them they look like one, or hide one."""
 
 ROWS = {**CAUSES, **TRIMS}
 """All that a hypothesis may name."""

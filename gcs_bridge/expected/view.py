@@ -58,14 +58,14 @@ class View:
         self.switched = False  # a fitted view was seen to go with the mode
         self.like_mount = self.like_sign = False  # so far a fitted pitch trim may be one of these
         self.settled = False  # both forms agreed before: a new difference may be a fault
-        self.banked = False  # both forms agreed in a bank: there is no AHRS_TRIM that shows
+        self._banked = False  # both forms agreed in a bank: there is no AHRS_TRIM that shows
         self._noise_rad = noise_rad
         self._pitch_moves_rad = 2.0 * TOLD_APART * noise_rad  # so much, and the fit is no wrong sign
         self._comes_and_goes = comes_and_goes
         self._pitch_range = (math.inf, -math.inf)
         self._confirmed = False  # some pairs agreed with the correction
         self._expected: tuple[Correction, ...] = (NOTHING,)  # what was told, and what may hold instead of it
-        self.open = 0  # causes that may be fitted
+        self._open = 0  # causes that may be fitted
         self._recent = self._sparse = NO_PAIRS  # the latest pairs, and one a second
         self._denials = self._agreements = 0  # pairs in a row, up to the last one kept
         self._scanned = (np.empty(0, np.int64), np.empty(0, np.int64))  # the same up to each pair scanned
@@ -85,7 +85,7 @@ class View:
     @property
     def untold(self) -> int:
         """Causes that may be in the angles and are not undone: not told, not fitted, and nothing has ruled them out."""
-        return self.open & ~self.fitted & ~(AHRS_TRIM if self.banked else 0)
+        return self._open & ~self.fitted & ~(AHRS_TRIM if self._banked else 0)
 
     @property
     def denied(self) -> bool:
@@ -94,12 +94,12 @@ class View:
 
     def expect(self, expected: tuple[Correction, ...], open_causes: int) -> None:
         """Something was told: what it predicts holds from now on, unless it says nothing new here."""
-        if (expected, open_causes) == (self._expected, self.open):
+        if (expected, open_causes) == (self._expected, self._open):
             return
         fit_stands = self.fitted and not self.fitted & ~open_causes and expected[0] == self._expected[0]
         if not fit_stands and (expected[0] != self._expected[0] or self.fitted):
             self._hold(Step(0, expected[0]))
-        self._expected, self.open = expected, open_causes
+        self._expected, self._open = expected, open_causes
 
     def scan(self, pairs: Pairs, told: Knowledge, rival: Correction | None) -> Step | None:
         """Find the first of the pairs after which another correction holds; nothing is remembered yet.
@@ -130,12 +130,12 @@ class View:
             at = first(in_a_row((seen.residual(rival) <= self._noise_rad) & ~seen.free))
             if at is not None:
                 steps.append(Step(at, self.correction, self.fitted, gives_up=VTOL_VIEW))
-        if self.open & VTOL_VIEW and not self.fitted:
+        if self._open & VTOL_VIEW and not self.fitted:
             turn, fits = turn_about(seen.apart(NOTHING), _Y_AXIS, self._noise_rad)
             at = first(fits & (seen.free | (not self.settled)) & told.allows_view(turn))
             if at is not None:
                 steps.append(Step(at, Correction(view_rad=float(turn[at - n])), VTOL_VIEW))
-        if self.open & PITCH_TRIM:
+        if self._open & PITCH_TRIM:
             base = self._expected[0]._replace(pitch_rad=0.0)
             turn, fits = turn_about(seen.apart(base), pitch_axis(seen, base), NOISE_RAD)
             pitch = seen.rpy_rad[:, 1]
@@ -145,7 +145,7 @@ class View:
             at = first(fits & (told_apart | (not self.settled and not self.fitted)) & (np.abs(turn) <= _MOST_PITCH_RAD))
             if at is not None:
                 steps.append(Step(at, base._replace(pitch_rad=float(turn[at - n])), PITCH_TRIM))
-        if self.open & AHRS_TRIM:
+        if self._open & AHRS_TRIM:
             steps += self._trims(seen, denials, min((step.at for step in steps), default=n))
         if self.fitted and not self.proven:
             steps.append(Step(int(hot.argmax()), self._expected[0], gives_up=self.fitted))
@@ -160,7 +160,7 @@ class View:
             return NOTHING
         denials, agreements = (counts[: len(pairs)] for counts in self._scanned)
         self.settled |= bool(self._settling(pairs, agreements).any())
-        self.banked |= bool(_banking(pairs, agreements).any())
+        self._banked |= bool(_banking(pairs, agreements).any())
         self._denials, self._agreements = int(denials[-1]), int(agreements[-1])
         self._confirmed |= bool((agreements >= IN_A_ROW).any())
         self._test(pairs.part(denials == 0))
@@ -196,7 +196,7 @@ class View:
 
     def _hold(self, step: Step) -> None:
         if step.correction != self.correction:
-            self.banked = False
+            self._banked = False
         self.correction, self.fitted = step.correction, step.fitted
         self.proven, self.switched = step.fitted == AHRS_TRIM, False
         self.like_mount = self.like_sign = bool(step.fitted & PITCH_TRIM)
@@ -216,7 +216,7 @@ class View:
         """The first pairs that settle the view, and that prove its fit: what they make known holds behind them."""
         if not self.settled and (settling := self._settling(pairs, agreements)).any():
             yield int(settling.argmax())
-        if not self.banked and self.open & AHRS_TRIM and (banking := _banking(pairs, agreements)).any():
+        if not self._banked and self._open & AHRS_TRIM and (banking := _banking(pairs, agreements)).any():
             yield int(banking.argmax())
         if self.fitted and not self.proven:
             pitch, good = pairs.rpy_rad[:, 1], denials == 0
