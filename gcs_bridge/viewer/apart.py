@@ -16,7 +16,7 @@ import rerun as rr
 from gcs_bridge import attitude
 from gcs_bridge.checks.euler_quaternion import Disagreement, EulerQuaternion
 from gcs_bridge.desk import axis_of
-from gcs_bridge.diagnosis.hypotheses import ROWS, Hypothesis
+from gcs_bridge.diagnosis.hypotheses import ROWS, TRIMS, Hypothesis
 from gcs_bridge.diagnosis.words import amount
 from gcs_bridge.events import Event
 from gcs_bridge.judge import Observation
@@ -52,6 +52,9 @@ class Undoing(NamedTuple):
 def undoing(diagnosis: Mapping[str, Any]) -> Undoing | None:
     """What undoes the mistake that a report's diagnosis names; None: nothing does, or what it says is too little."""
     rows = [ROWS.get(name) for name in diagnosis["causes"] if name != _NORM]
+    mistakes = [row for row in rows if row not in TRIMS.values()]
+    if mistakes and not any(row is not None and row.acts_on == "rpy" for row in mistakes):
+        rows = mistakes  # a trim of the angles has no part in what is wrong with the quaternion
     causes = [row for row in rows if row is not None and row.undo is not None]
     valued = [row for row in causes if row.parameter.count]
     if not causes or len(causes) < len(rows) or len(valued) > 1:  # a diagnosis tells the value of one cause alone

@@ -88,6 +88,22 @@ def test_two_mistakes_on_both_sides_are_undone_together(tmp_path: Path) -> None:
     assert apart_deg(xyzw, truth(boot_us).inv())[known].max() < 0.1
 
 
+@pytest.mark.parametrize("fault", ["quaternion_conjugate", "world_offset:4,0,0", "roll_pitch_swapped"])
+def test_beside_an_untold_trim_the_mistake_is_undone(tmp_path: Path, fault: str) -> None:
+    """A copter with an AHRS_TRIM that nobody tells: the corrected triad shows the quaternion as it should be."""
+    healthy = (FIXTURES / "j_ahrs_trim5.tlog").read_bytes()
+    right, _ = drawn(healthy, tmp_path / "right.rrd")
+    recording, events = drawn(inject(healthy, [parse_fault(fault)]), tmp_path / "a.rrd")
+    (*_, told) = [event for event in events if event["event"] == "diagnosis"]
+    assert told["diagnosis"]["causes"] == [fault.partition(":")[0], "ahrs_trim"]
+    at_us, corrected = recording.numbers(CORRECTED, TURN)
+    solid_us, solid = right.numbers(f"{BODY}/quaternion", TURN)
+    both_us = np.intersect1d(at_us[at_us >= 1e6 * told["boot_s"]], solid_us)
+    assert len(both_us) > 100
+    expected = Rotation.from_quat(solid[np.isin(solid_us, both_us)])
+    assert apart_deg(corrected[np.isin(at_us, both_us)], expected).max() < 0.1
+
+
 def test_axis_and_arc_lead_from_one_attitude_to_the_other(tmp_path: Path) -> None:
     """A quaternion turned by 25° about down: the axis is down, and the arc goes from nose to nose, on a cone about it.
 
