@@ -149,8 +149,7 @@ def test_an_alarm_is_a_sentence() -> None:
     assert said.split(maxsplit=1)[1] == (
         "euler_quaternion from 12.4 s to 15.0 s of boot 0 (raised 2026-05-01T12:00:12.400Z): the two forms differ: "
         "90.00°, tilt 0.00°, heading 90.00°. This is no fault of the estimate: both forms come from one. "
-        "Cause: yaw_offset 90° in message 31 (certain). Not yet told apart from mount_offset. "
-        "Turn by 5° of tilt to tell."
+        "Cause: yaw_offset 90° in message 31 (certain). Turn by 5° of tilt to tell."
     )
     about = {"axis": "tilt and heading, about body x (roll)", "repeats": 2, "grouped": "chatter"}
     said = row(text(vehicle("alarm", alarms=[{**ALARM, **about}]), verdict="alarm"), "ALARM")

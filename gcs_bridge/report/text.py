@@ -150,9 +150,6 @@ def _diagnosis(diagnosis: _Entry) -> str:
     value = "" if diagnosis["value"] is None else f" {_value(diagnosis['value'], diagnosis['unit'])}"
     side = "" if diagnosis["side"] is None else f" in message {diagnosis['side']}"
     said = f"Cause: {diagnosis['cause']}{value}{side} ({diagnosis['confidence']})."
-    others = [cause for cause in diagnosis["candidates"] or () if cause != diagnosis["cause"]]
-    if others:
-        said += f" Not yet told apart from {', '.join(others)}."
     return f"{said} {one_line(diagnosis['fix'])}" if diagnosis["fix"] else said
 
 
