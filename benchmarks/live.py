@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -75,7 +76,9 @@ def main() -> None:
     assert listening.stderr is not None
     address = next(filter(None, (re.search(r"url=(\S+?)&", line) for line in listening.stderr)))[1]
     rerun = [sys.executable, "-m", "rerun_cli", "--headless", "--bind", "127.0.0.1", "--port", str(viewer_port)]
-    viewer = subprocess.Popen([*rerun, "--connect", unquote(address)], env=_QUIET, stderr=subprocess.DEVNULL)
+    viewer = subprocess.Popen(
+        [*rerun, "--connect", unquote(address)], env=_QUIET, stderr=subprocess.DEVNULL, start_new_session=True
+    )
     time.sleep(4)  # both have started by now
     started = _cpu_s(listening.pid)
     done = threading.Event()
@@ -88,7 +91,8 @@ def main() -> None:
     flight.start()
     measured = np.array(ages(viewer_port, done)) * 1e3
     share = (_cpu_s(listening.pid) - started) / SECONDS
-    viewer.kill()
+    os.killpg(viewer.pid, signal.SIGKILL)  # what was started starts the viewer, and does not take it along
+    viewer.wait()
     listening.terminate()
     listening.communicate()
     sys.stdout.write(f"listen with a viewer, 50 Hz: {share:.1%} of a core\n")
