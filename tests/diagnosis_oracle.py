@@ -40,7 +40,7 @@ RPY = {
     "euler_degrees": np.radians,
     "euler_xyz_order": lambda rpy: Rotation.from_euler("XYZ", rpy).as_euler("ZYX")[:, ::-1],
 }
-TRIMS = ("ahrs_trim", "pitch_trim")
+TRIMS = ("ahrs_trim", "pitch_trim", "vtol_view")
 OFFSETS = ("yaw_offset", "mount_offset", "world_offset")
 RECORD = struct.Struct("<I7f")
 
@@ -113,6 +113,9 @@ def undone(sent: Sent, name: str, value: Sequence[float] = ()) -> Sent:
         trim = np.radians([*value, 0])
         turned = euler_rotation(sent.rpy_rad + trim) * Rotation.from_rotvec(-trim)
         return replace(sent, rpy_rad=turned.as_euler("ZYX")[:, ::-1])
+    if name == "vtol_view":
+        turned = euler_rotation(sent.rpy_rad) * Rotation.from_euler("y", value[0], degrees=True)
+        return replace(sent, rpy_rad=turned.as_euler("ZYX")[:, ::-1])
     if name == "time_skew":
         return replace(sent, t_quaternion_s=sent.t_quaternion_s - value[0] / 1000)
     if name == "quaternion_xyzw":  # x, y, z, w stand in the slots w, x, y, z
@@ -175,10 +178,12 @@ def fitted(sent: Sent, name: str, interpolation: Interpolation = RotationSpline)
     if name == "pitch_trim":
         pitch = [rotation.as_euler("ZYX", degrees=True)[:, 1] for rotation in (euler, quaternion)]
         return (float(np.median(pitch[1] - pitch[0])),)
-    turns = euler.inv() * quaternion if name == "mount_offset" else quaternion * euler.inv()
+    turns = euler.inv() * quaternion if name in ("mount_offset", "vtol_view") else quaternion * euler.inv()
     mean = turns.mean()
     off = (mean.inv() * turns).magnitude()
     mean = turns[off <= 3 * np.median(off) + 1e-3].mean()  # without what a reset or a gap left
+    if name == "vtol_view":
+        return (float(mean.as_rotvec(degrees=True)[1]),)
     if name == "yaw_offset":
         return (float(mean.as_euler("ZYX", degrees=True)[0]),)
     return tuple(mean.as_rotvec(degrees=True))

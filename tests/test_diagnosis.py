@@ -588,6 +588,10 @@ def test_a_view_by_scipy(view_deg: float) -> None:
     assert VTOL_VIEW.undo is not None
     assert VTOL_VIEW.falsify is not None
     undone = oracle.euler_rotation(VTOL_VIEW.undo(sent, (view_deg,)))
+    t_s = np.arange(50.0)
+    both = oracle.Sent(t_s, sent, t_s, wxyz(q_nb))
+    assert oracle.fitted(both, "vtol_view") == pytest.approx((view_deg,), abs=1e-6)
+    assert oracle.leaves_deg(both, "vtol_view") < 1e-6
     made_again = oracle.euler_rotation(VTOL_VIEW.falsify(rpy(q_nb), (view_deg,)))
     np.testing.assert_allclose((undone.inv() * q_nb).magnitude(), 0, atol=1e-9)
     np.testing.assert_allclose((made_again.inv() * oracle.euler_rotation(sent)).magnitude(), 0, atol=1e-9)

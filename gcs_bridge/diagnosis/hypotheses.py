@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -32,15 +33,9 @@ def _with_ahrs_trim(rpy_rad: npt.NDArray[Any], trim_deg: Value) -> Floats:
     return np.asarray(rpy_from_quaternion(q_nb) - (x, y, 0.0))
 
 
-def _without_ahrs_trim(rpy_rad: npt.NDArray[Any], trim_deg: Value) -> Floats:
-    x, y = np.radians(trim_deg)
-    return np.asarray(rpy_from_quaternion(Correction(trim_x_rad=x, trim_y_rad=y).undo(rpy_rad)))
-
-
-def _seen_from(rpy_rad: npt.NDArray[Any], pitch_deg: float) -> Floats:
-    """The angles of a body that is pitched."""
-    turn = quaternion_from_rotvec((0.0, np.radians(pitch_deg), 0.0))
-    return np.asarray(rpy_from_quaternion(multiply(quaternion_of_rpy(rpy_rad), turn)))
+def _corrected(rpy_rad: npt.NDArray[Any], correction: Correction) -> Floats:
+    """The angles of the attitudes that some angles stand for."""
+    return np.asarray(rpy_from_quaternion(correction.undo(rpy_rad)))
 
 
 PITCH_TRIM = Cause(
@@ -58,7 +53,7 @@ AHRS_TRIM = Cause(
     message=30,
     acts_on="rpy",
     falsify=_with_ahrs_trim,
-    undo=_without_ahrs_trim,
+    undo=lambda rpy, trim_deg: _corrected(rpy, Correction(0.0, *np.radians(trim_deg).tolist())),
     parameter=Parameter(unit="deg", count=2, most=10.0),
     fix="For this AHRS_TRIM_X and AHRS_TRIM_Y must be {value}, which was not told: ask for the parameters.",
     origin="ArduPilot's trim of the board: taken off ATTITUDE's angles, and turned out of the quaternion.",
@@ -67,8 +62,8 @@ VTOL_VIEW = Cause(
     name="vtol_view",
     message=30,
     acts_on="rpy",
-    falsify=lambda rpy, view_deg: _seen_from(rpy, -view_deg[0]),
-    undo=lambda rpy, view_deg: _seen_from(rpy, view_deg[0]),
+    falsify=lambda rpy, view_deg: _corrected(rpy, Correction(view_rad=-math.radians(view_deg[0]))),
+    undo=lambda rpy, view_deg: _corrected(rpy, Correction(view_rad=math.radians(view_deg[0]))),
     parameter=Parameter(unit="deg", most=100.0),
     fix="For this the view of the hovering plane must be pitched by {value} (Q_TRIM_PITCH, and 90° on tailsitters), "
     "which was not told: ask for the parameters.",

@@ -49,17 +49,18 @@ def _compiled(function: Kernel, **options: bool) -> Kernel:
 
 def kernel(function: Kernel) -> Kernel:
     """Compile what Python calls; the machine code is kept for the next process."""
-    compiled: Any = _compiled(function, cache=True)
+    compiled = _compiled(function, cache=True)
     with contextlib.suppress(AttributeError):  # parts of numba's own: without them it loads as it is used to
-        _load_without_compiler(compiled._cache)
-    return compiled  # type: ignore[no-any-return]  # untyped in numba
+        _load_without_compiler(compiled)
+    return compiled
 
 
-def _load_without_compiler(cache: Any) -> None:
+def _load_without_compiler(compiled: Any) -> None:
     """Let a kernel's cache load machine code without numba's compiler, which takes a third of a short program's time.
 
     Numba makes it ready before it looks, and again where it finds nothing and does compile.
     """
+    cache = compiled._cache
     load, guard = cache._load_overload, cache._guard_against_spurious_io_errors
 
     def load_overload(signature: Any, target_context: Any) -> Any:
