@@ -1,6 +1,7 @@
 """The .rrd beside an alarm's evidence: the ten seconds on both sides, and what is seen when it opens."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,7 +47,12 @@ def test_the_file_holds_the_moment(moment: Path) -> None:
 def test_it_opens_on_the_moment(moment: Path) -> None:
     """On the boot clock, with the cursor where the fault is seen: the solid body 25° to the right of the outline."""
     with headless(moment, 19_830) as viewer:
-        recording = viewer.wait_for("boot", 120_000_000)
+
+        def shown() -> Any:  # what has come has no timeline until it is shown
+            recording = viewer.wait_for("boot", 120_000_000)
+            return recording if recording.current_timeline else None
+
+        recording = eventually(shown)
         assert recording.current_timeline == "boot"
         assert recording.current_time >= 112_060_000_000
 
