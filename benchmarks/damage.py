@@ -97,7 +97,7 @@ def _changed(part: bytes, at: int, chance: random.Random) -> bytes:
 
 def found_by_gcs_bridge(path: Path) -> Iterator[bytes]:
     from gcs_bridge.mavlink.dialect import load_dialect
-    from gcs_bridge.mavlink.scan import Scanner
+    from gcs_bridge.mavlink.scanner import Scanner
 
     data = path.read_bytes()
     for frame in Scanner(load_dialect("all"), timed=True).scan(data, final=True):

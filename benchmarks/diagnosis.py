@@ -32,17 +32,18 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
 
-import diagnosis_oracle as oracle
 import numpy as np
-import wire
 
 import gcs_bridge
 from gcs_bridge import Monitor, diagnosis
-from gcs_bridge.causes import CAUSES
 from gcs_bridge.diagnosis import Diagnosis, Window, diagnose, diagnose_norm
-from gcs_bridge.inject import Fault, inject, parse_fault
-from gcs_bridge.samples import AttitudeSamples
+from gcs_bridge.diagnosis.causes import CAUSES
+from gcs_bridge.recordings.faults import Fault, parse_fault
+from gcs_bridge.recordings.inject import inject
 from gcs_bridge.settings import AlignmentSettings
+from gcs_bridge.telemetry.samples import AttitudeSamples
+from tests.helpers import diagnosis_oracle as oracle
+from tests.helpers import wire
 
 ROOT = Path(__file__).parents[1]
 

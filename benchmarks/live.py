@@ -23,7 +23,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from gcs_bridge.mavlink.dialect import load_dialect
-from gcs_bridge.mavlink.scan import Scanner
+from gcs_bridge.mavlink.scanner import Scanner
 
 RECORDING = Path(__file__).parents[1] / "sitl_fixtures" / "b_copter_acro.tlog"
 SECONDS = 30.0

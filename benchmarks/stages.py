@@ -28,19 +28,25 @@ PIECE = 2**22
 # stage → its functions. A function that is not there any more is named in the output and costs nothing else.
 STAGES = {
     "scan": ["gcs_bridge.mavlink.scan:Scanner.scan"],
-    "decode": ["gcs_bridge.vehicles:decode"],
-    "boot clock": ["gcs_bridge.clocks:BootClock.read"],
-    "samples": ["gcs_bridge.vehicles:attitude_samples", "gcs_bridge.vehicles:attitude_quaternion_samples"],
-    "vehicle (rest of reading)": ["gcs_bridge.vehicles:VehicleReader.read"],
-    "align": ["gcs_bridge.align:Aligner.pair"],
+    "decode": ["gcs_bridge.telemetry.component:decode"],
+    "boot clock": ["gcs_bridge.telemetry.clocks:BootClock.read"],
+    "samples": [
+        "gcs_bridge.telemetry.component:attitude_samples",
+        "gcs_bridge.telemetry.component:attitude_quaternion_samples",
+    ],
+    "vehicle (rest of reading)": ["gcs_bridge.telemetry.component:VehicleReader.read"],
+    "align": ["gcs_bridge.pairing.pairs:Aligner.pair"],
     "check": ["gcs_bridge.checks.euler_quaternion:compare"],
-    "statistics": ["gcs_bridge.statistics:Quantiles.add", "gcs_bridge.statistics:Quantiles.summary"],
+    "statistics": ["gcs_bridge.checks.quantiles:Quantiles.add", "gcs_bridge.checks.quantiles:Quantiles.summary"],
     "rating for the alarm": ["gcs_bridge.checks.euler_quaternion:EulerQuaternion.judge"],
-    "alarm": ["gcs_bridge.alarms:Alarm.feed"],
-    "liveness": ["gcs_bridge.liveness:Liveness.take", "gcs_bridge.liveness:Liveness.pass_silence"],
-    "judge (rest)": ["gcs_bridge.judge:VehicleJudge.take"],
-    "monitor (rest)": ["gcs_bridge.monitor:Monitor.feed_recording", "gcs_bridge.monitor:Monitor.close"],
-    "reading the file, rest": ["gcs_bridge.recording:check_file"],
+    "alarm": ["gcs_bridge.alarms.state:Alarm.feed"],
+    "liveness": [
+        "gcs_bridge.telemetry.stream_liveness:Liveness.take",
+        "gcs_bridge.telemetry.stream_liveness:Liveness.pass_silence",
+    ],
+    "judge (rest)": ["gcs_bridge.judging.vehicle:VehicleJudge.take"],
+    "monitor (rest)": ["gcs_bridge.judging.monitor:Monitor.feed_recording", "gcs_bridge.judging.monitor:Monitor.close"],
+    "reading the file, rest": ["gcs_bridge.recordings.source:check_file"],
 }
 
 
@@ -127,7 +133,7 @@ def start_up(head: bytes) -> None:
     sys.modules.setdefault("scipy", None)  # type: ignore[arg-type]  # as the command does: numba is not to load it
 
     def load_kernels() -> None:
-        from gcs_bridge.monitor import Monitor
+        from gcs_bridge.judging.monitor import Monitor
 
         monitor = Monitor()
         monitor.feed_recording(head)
@@ -143,7 +149,7 @@ def start_up(head: bytes) -> None:
         ("settings (msgspec)", lambda: importlib.import_module("gcs_bridge.settings").load_settings()),
         ("numpy", lambda: importlib.import_module("numpy")),
         ("numba", lambda: importlib.import_module("numba")),
-        ("the rest of gcs_bridge", lambda: importlib.import_module("gcs_bridge.recording")),
+        ("the rest of gcs_bridge", lambda: importlib.import_module("gcs_bridge.recordings.source")),
         ("dialect tables (pymavlink)", load_dialect),
         ("kernels from numba's cache", load_kernels),
     ]
@@ -157,7 +163,7 @@ def start_up(head: bytes) -> None:
 
 def judge(path: Path) -> None:
     """Judge the recording with every stage on a clock; print each one's own time."""
-    from gcs_bridge import recording
+    from gcs_bridge.recordings import source as recording
     from gcs_bridge.settings import Settings
 
     clock = Clock()
@@ -176,7 +182,7 @@ def judge(path: Path) -> None:
 
 def show_functions(path: Path) -> None:
     """Judge it once more under cProfile, which slows down short functions, and print the ones of the most own time."""
-    from gcs_bridge.recording import check_file
+    from gcs_bridge.recordings.check import check_file
     from gcs_bridge.settings import Settings
 
     profiler = cProfile.Profile()
@@ -189,7 +195,7 @@ def show_functions(path: Path) -> None:
 def scan_speed(path: Path, times: int = 9) -> float:
     """Median speed of the frame scan alone over the file, MB/s, with the file in memory and the kernel loaded."""
     from gcs_bridge.mavlink.dialect import load_dialect
-    from gcs_bridge.mavlink.scan import Scanner
+    from gcs_bridge.mavlink.scanner import Scanner
 
     data = memoryview(path.read_bytes())
     dialect = load_dialect("all")

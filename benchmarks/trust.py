@@ -26,7 +26,7 @@ from typing import Any, NamedTuple, TypeVar
 from benchmarks import trust_faults
 from benchmarks.trust_links import LOSSES, RATES_HZ, TROUBLES, Link
 from benchmarks.trust_witness import NAIVE_LIMIT_DEG, Coverage, Witness
-from gcs_bridge.monitor import Monitor
+from gcs_bridge.judging.monitor import Monitor
 
 T = TypeVar("T")
 

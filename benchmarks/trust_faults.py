@@ -16,13 +16,14 @@ import numpy.typing as npt
 
 from benchmarks.trust_links import Link
 from gcs_bridge import attitude
-from gcs_bridge.causes import CAUSES
-from gcs_bridge.inject import inject, parse_fault
-from gcs_bridge.judge import Observation
+from gcs_bridge.diagnosis.causes import CAUSES
+from gcs_bridge.judging.monitor import Monitor
+from gcs_bridge.judging.observation import Observation
 from gcs_bridge.mavlink.dialect import load_dialect
-from gcs_bridge.mavlink.scan import Scanner
-from gcs_bridge.monitor import Monitor
-from gcs_bridge.samples import AttitudeSamples
+from gcs_bridge.mavlink.scanner import Scanner
+from gcs_bridge.recordings.faults import parse_fault
+from gcs_bridge.recordings.inject import inject
+from gcs_bridge.telemetry.samples import AttitudeSamples
 
 FAULTS = (
     "yaw_offset:1",

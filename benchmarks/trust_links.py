@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gcs_bridge.inject import Fault, inject
 from gcs_bridge.mavlink.dialect import load_dialect
-from gcs_bridge.mavlink.scan import RawFrame, Scanner
-from gcs_bridge.samples import AHRS2, ATTITUDE, ATTITUDE_QUATERNION, IMU_MESSAGES
+from gcs_bridge.mavlink.scanner import RawFrame, Scanner
+from gcs_bridge.recordings.faults import Fault
+from gcs_bridge.recordings.inject import inject
+from gcs_bridge.telemetry.samples import AHRS2, ATTITUDE, ATTITUDE_QUATERNION, IMU_MESSAGES
 
 THINNED = (ATTITUDE, ATTITUDE_QUATERNION, AHRS2, *IMU_MESSAGES)
 RATES_HZ = (50.0, 25.0, 10.0, 4.0, 2.0)

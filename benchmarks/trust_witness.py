@@ -9,11 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
-from gcs_bridge.alarms import PENDING, Alarm, Rated, State
-from gcs_bridge.judge import Observation
-from gcs_bridge.samples import AttitudeSamples
+from gcs_bridge.alarms.rated import Rated
+from gcs_bridge.alarms.state import PENDING, Alarm, State
+from gcs_bridge.judging.observation import Observation
 from gcs_bridge.settings import load_settings
-from gcs_bridge.told import ModeSet
+from gcs_bridge.telemetry.samples import AttitudeSamples
+from gcs_bridge.telemetry.statements import ModeSet
 
 Ints = npt.NDArray[np.int64]
 
@@ -50,10 +51,10 @@ class Naive:
         self._alarm = Alarm(_DELAYS)
         self._latest = [np.full((1, 4), np.nan)] * 2
 
-    def take(self, streams: tuple[AttitudeSamples, AttitudeSamples], ordinals: list[Ints]) -> None:
-        """Take what came of both within one boot, and the ordinals of their frames."""
+    def take(self, streams: tuple[AttitudeSamples, AttitudeSamples], frame_indices: list[Ints]) -> None:
+        """Take what came of both within one boot, and the frame_indices of their frames."""
         valid = [samples[samples.valid] for samples in streams]
-        at = [ordinal[samples.valid] for samples, ordinal in zip(streams, ordinals, strict=True)]
+        at = [frame_index[samples.valid] for samples, frame_index in zip(streams, frame_indices, strict=True)]
         both = np.concatenate(at)
         order = np.argsort(both, kind="stable")
         pairs = []
@@ -88,7 +89,7 @@ class Witness:
         segment = seen.segment
         streams = (segment.euler, segment.quaternion)
         naive = self._naive.setdefault(seen.vehicle, Naive())
-        naive.take(streams, [segment.ordinal[segment.message == k] for k in (0, 1)])
+        naive.take(streams, [segment.frame_index[segment.message == k] for k in (0, 1)])
         self.coverage[seen.vehicle] = self.coverage.get(seen.vehicle, Coverage()) + covered(seen)
 
 
@@ -104,7 +105,7 @@ def covered(seen: Observation) -> Coverage:
     rows = np.flatnonzero(segment.valid_attitude)
     rows = rows[np.argsort(segment.t_boot_us[rows], kind="stable")]
     t_us = segment.t_boot_us[rows]
-    is_armed = armed(seen, segment.ordinal[rows])[1:]
+    is_armed = armed(seen, segment.frame_index[rows])[1:]
     # Each step from one sample to the next lies between two judged pairs, which may not be too far apart.
     pairs_us = np.unique(np.concatenate(([-(2**60)], seen.pairs.t_boot_us[judged], [2**60])))
     before, after = np.searchsorted(pairs_us, t_us[:-1], "right") - 1, np.searchsorted(pairs_us, t_us[1:])
@@ -114,10 +115,10 @@ def covered(seen: Observation) -> Coverage:
     return Coverage(len(shared), len(same), float(step_s[is_armed].sum()), float(step_s[is_armed & judged_step].sum()))
 
 
-def armed(seen: Observation, ordinal: Ints) -> npt.NDArray[np.bool_]:
-    """Whether the vehicle was armed when the frames `ordinal` (n,) came, if it ever was; else always."""
-    told = [(say.ordinal, say.armed) for say in seen.flight.told if isinstance(say, ModeSet)]
+def armed(seen: Observation, frame_index: Ints) -> npt.NDArray[np.bool_]:
+    """Whether the vehicle was armed when the frames `frame_index` (n,) came, if it ever was; else always."""
+    told = [(say.frame_index, say.armed) for say in seen.flight.statements if isinstance(say, ModeSet)]
     if not any(is_armed for _, is_armed in told):
-        return np.ones(len(ordinal), np.bool_)
+        return np.ones(len(frame_index), np.bool_)
     since, is_armed = (np.array(column) for column in zip(*told, strict=True))
-    return np.asarray(is_armed[np.maximum(np.searchsorted(since, ordinal, "right") - 1, 0)])
+    return np.asarray(is_armed[np.maximum(np.searchsorted(since, frame_index, "right") - 1, 0)])

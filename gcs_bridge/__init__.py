@@ -12,12 +12,17 @@ from gcs_bridge._version import __version__
 
 if TYPE_CHECKING:
     from gcs_bridge import attitude
-    from gcs_bridge.monitor import Monitor
-    from gcs_bridge.recording import check, read
+    from gcs_bridge.judging.monitor import Monitor
+    from gcs_bridge.recordings.check import check
+    from gcs_bridge.recordings.read import read
 
 __all__ = ["Monitor", "__version__", "attitude", "check", "read"]
 
-_HOME = {"Monitor": "gcs_bridge.monitor", "check": "gcs_bridge.recording", "read": "gcs_bridge.recording"}
+_HOME = {
+    "Monitor": "gcs_bridge.judging.monitor",
+    "check": "gcs_bridge.recordings.check",
+    "read": "gcs_bridge.recordings.read",
+}
 
 
 def __getattr__(name: str) -> Any:

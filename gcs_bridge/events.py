@@ -29,9 +29,9 @@ class Rank(IntEnum):
 
 
 class Notice(NamedTuple):
-    """An event and its place: the ordinal of the frame that brought it about."""
+    """An event and its place: the index of the frame that brought it about."""
 
-    ordinal: int
+    frame_index: int
     event: Event
     rank: Rank = Rank.OTHER
 
@@ -47,4 +47,4 @@ def make_event(
 
 def in_order(notices: Iterable[Notice]) -> list[Notice]:
     """The notices in the order in which one frame after the other brought them about, a vehicle's beside each other."""
-    return sorted(notices, key=lambda notice: (notice.ordinal, notice.event["vehicle"], notice.rank))
+    return sorted(notices, key=lambda notice: (notice.frame_index, notice.event["vehicle"], notice.rank))

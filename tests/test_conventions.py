@@ -2,13 +2,13 @@
 
 import doctest
 import re
-from pathlib import Path
 
 import pytest
 
 from gcs_bridge import attitude
+from tests.helpers.paths import ROOT
 
-PAGE = Path(__file__).parents[1] / "CONVENTIONS.md"
+PAGE = ROOT / "CONVENTIONS.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 RULES = {int(number): row for number, row in re.findall(r"^\| M(\d+) (\|.*)$", TEXT, re.MULTILINE)}
 

@@ -6,8 +6,7 @@ import pytest
 
 from gcs_bridge import resources
 from gcs_bridge.errors import UsageError
-
-ROOT = Path(__file__).parents[1]
+from tests.helpers.paths import ROOT
 
 
 def wheel_and_checkout(folder: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:

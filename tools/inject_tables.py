@@ -15,8 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from gcs_bridge import check
-from gcs_bridge.causes import CAUSES
-from gcs_bridge.inject import LINK_FAULTS, inject_file, parse_fault
+from gcs_bridge.diagnosis.causes import CAUSES
+from gcs_bridge.recordings.faults import parse_fault
+from gcs_bridge.recordings.inject import inject_file
+from gcs_bridge.recordings.link_faults import LINK_FAULTS
 from gcs_bridge.resources import demo_recording
 
 PAGE = Path(__file__).parents[1] / "docs" / "inject.md"

@@ -20,7 +20,8 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from gcs_bridge.cli import main as gcs_bridge
-from gcs_bridge.inject import inject, parse_fault
+from gcs_bridge.recordings.faults import parse_fault
+from gcs_bridge.recordings.inject import inject
 from gcs_bridge.resources import demo_recording
 from gcs_bridge.viewer.processes import free_port
 
@@ -53,7 +54,7 @@ def take_picture(drawn: Path, picture: Path) -> None:
     """Show a .rrd at the moment of the picture, and take it."""
     port = free_port(19_700)
     arguments = ["--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size", SIZE, str(drawn)]
-    viewer = subprocess.Popen(  # noqa: S603  # rerun's own program
+    viewer = subprocess.Popen(
         [sys.executable, "-m", "rerun_cli", *arguments],
         env={**os.environ, "RUST_LOG": "error", "CI": "1"},
         stdin=subprocess.DEVNULL,

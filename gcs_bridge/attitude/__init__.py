@@ -8,7 +8,7 @@ other. A row gives the same bits alone and among a million.
 The rules M1 to M24 that docstrings cite stand in CONVENTIONS.md. This package imports numpy and nothing else of ours.
 """
 
-from .euler import (
+from gcs_bridge.attitude.euler import (
     euler_from_matrix,
     euler_from_quaternion,
     heading,
@@ -18,7 +18,7 @@ from .euler import (
     quaternion_from_rpy,
     rpy_from_quaternion,
 )
-from .frames import (
+from gcs_bridge.attitude.frames import (
     enu_flu_from_ned_frd,
     enu_flu_matrix_from_ned_frd,
     enu_flu_rpy_from_ned_frd,
@@ -40,7 +40,7 @@ from .frames import (
     wxyz_from_xyzw,
     xyzw_from_wxyz,
 )
-from .gravity import (
+from gcs_bridge.attitude.gravity import (
     G_M_S2,
     DeadReckoner,
     DeadReckoning,
@@ -57,7 +57,7 @@ from .gravity import (
     may_stand_still,
     specific_force,
 )
-from .kinematics import (
+from gcs_bridge.attitude.kinematics import (
     body_rates_between,
     body_rates_from_euler_rates,
     euler_rates_from_body_rates,
@@ -67,14 +67,14 @@ from .kinematics import (
     quaternion_rate,
     right_jacobian_inverse_times,
 )
-from .matrix import (
+from gcs_bridge.attitude.matrix import (
     elementary_rotation,
     is_rotation,
     matrix_from_quaternion,
     nearest_rotation,
     quaternion_from_matrix,
 )
-from .quaternion import (
+from gcs_bridge.attitude.quaternion import (
     angle_between,
     conjugate,
     continuous,

@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ._rows import Array, Mask, Quaternion, Vector, join, numbers, ray, rowwise, vector
-from .matrix import matrix_from_quaternion, quaternion_from_matrix
+from gcs_bridge.attitude._rows import Array, Mask, Quaternion, Vector, join, numbers, ray, rowwise, vector
+from gcs_bridge.attitude.matrix import matrix_from_quaternion, quaternion_from_matrix
 
 TURN = 2.0 * np.pi
 

@@ -14,9 +14,9 @@ gives NaN; a wrong shape raises ValueError.
 import numpy as np
 import numpy.typing as npt
 
-from ._rows import Array, Quaternion, grid, join, matrix, ray, rowwise, vector
-from .euler import euler_from_matrix, matrix_from_euler, wrapped
-from .quaternion import conjugated, product
+from gcs_bridge.attitude._rows import Array, Quaternion, grid, join, matrix, ray, rowwise, vector
+from gcs_bridge.attitude.euler import euler_from_matrix, matrix_from_euler, wrapped
+from gcs_bridge.attitude.quaternion import conjugated, product
 
 _HALF = np.asarray(0.5**0.5)
 _ZERO, _ONE = np.asarray(0.0), np.asarray(1.0)

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ._rows import Array, Mask, Vector, join, numbers, ray, rowwise, shaped, vector
-from .euler import angles_of, parsed
-from .kinematics import body_rates_between
-from .quaternion import TINY, conjugated, cross, length, turned
+from gcs_bridge.attitude._rows import Array, Mask, Vector, join, numbers, ray, rowwise, shaped, vector
+from gcs_bridge.attitude.euler import angles_of, parsed
+from gcs_bridge.attitude.kinematics import body_rates_between
+from gcs_bridge.attitude.quaternion import TINY, conjugated, cross, length, turned
 
 G_M_S2 = 9.80665
 """Standard gravity."""

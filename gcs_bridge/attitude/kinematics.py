@@ -6,8 +6,8 @@ Body rates w are in rad/s about the body's x, y, z. Times are in seconds.
 import numpy as np
 import numpy.typing as npt
 
-from ._rows import Array, Vector, grid, join, numbers, ray, rowwise, unit, vector
-from .quaternion import TINY, conjugated, cross, exponential, length, logarithm, product
+from gcs_bridge.attitude._rows import Array, Vector, grid, join, numbers, ray, rowwise, unit, vector
+from gcs_bridge.attitude.quaternion import TINY, conjugated, cross, exponential, length, logarithm, product
 
 SMALL_RAD = 1e-4
 """Below it the Jacobians' second-order coefficients stand still: what they multiply is smaller than 1e-8, and they

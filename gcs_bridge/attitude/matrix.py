@@ -8,7 +8,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 import numpy.typing as npt
 
-from ._rows import Array, Mask, Vector, grid, join, matrix, numbers, ray, rowwise, shaped
+from gcs_bridge.attitude._rows import Array, Mask, Vector, grid, join, matrix, numbers, ray, rowwise, shaped
 
 
 def determinant(lines: tuple[Vector, Vector, Vector]) -> Array:

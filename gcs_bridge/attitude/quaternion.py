@@ -10,7 +10,7 @@ The first part works on components and is shared by the modules above this one; 
 import numpy as np
 import numpy.typing as npt
 
-from ._rows import Array, Quaternion, Vector, join, numbers, ray, rowwise, shaped, unit, vector
+from gcs_bridge.attitude._rows import Array, Quaternion, Vector, join, numbers, ray, rowwise, shaped, unit, vector
 
 TINY = 1e-150
 """Stands in for a length of zero where a quotient has a limit: sin(TINY)/TINY is exactly 1, and TINY**2 is a float."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from gcs_bridge.checks.base import Check
 from gcs_bridge.checks.body_rates import BodyRates
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
 from gcs_bridge.checks.gravity import Gravity
 from gcs_bridge.checks.gyro import Gyro
 from gcs_bridge.checks.kinematics import Kinematics
 from gcs_bridge.checks.mag_heading import MagHeading
-from gcs_bridge.checks.protocol import Check
 from gcs_bridge.checks.quaternion_norm import QuaternionNorm
 from gcs_bridge.checks.secondary_estimate import SecondaryEstimate
 from gcs_bridge.checks.stream import StreamCheck

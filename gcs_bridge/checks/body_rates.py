@@ -7,8 +7,9 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.checks.protocol import Check, Ratings, Tier, along, length, rated
-from gcs_bridge.flight import Flight
+from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.checks.base import Check, along, length, rated
+from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.settings import AlarmSettings, BodyRatesSettings
 
 
@@ -19,8 +20,8 @@ class BodyRates(Check):
     needs: ClassVar[Literal["both", "quaternion", "any", "nothing"]] = "both"
     compares: ClassVar[bool] = False
     unit: ClassVar[str] = "deg/s"
-    is_not: ClassVar[str] = "not the angles: they are judged by other checks"
-    agrees: ClassVar[str] = "both messages carry the same body rates"
+    not_a_sign_of: ClassVar[str] = "not the angles: they are judged by other checks"
+    ok_text: ClassVar[str] = "both messages carry the same body rates"
 
     def __init__(self, settings: BodyRatesSettings, delays: AlarmSettings) -> None:
         """Start with nothing judged."""
@@ -29,24 +30,26 @@ class BodyRates(Check):
         self._delays = delays
 
     @property
-    def tiers(self) -> tuple[Tier, ...]:
+    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
         """A warning and an alarm."""
         what = "the body rates of ATTITUDE and ATTITUDE_QUATERNION differ"
-        return Tier("warning", "warning", what, self._delays), Tier("alarm", "alarm", what, self._delays)
+        return AlarmSpec("warning", "warning", what, self._delays), AlarmSpec("alarm", "alarm", what, self._delays)
 
-    def judge(self, flight: Flight) -> Iterator[Ratings]:
+    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate the pairs of the same instant, with what the streams' own last steps allow for."""
-        pairs = flight.pairs
+        pairs = batch.pairs
         rows = np.flatnonzero(pairs.same_instant)
         difference, allowed = pairs.w_differs_b_rad_s[rows], pairs.unsteady_rad_s[rows]
         value = length(difference)
         judged = np.isfinite(value) & np.isfinite(allowed)
-        t_us, ordinal = pairs.t_boot_us[rows], flight.pair_ordinal[rows]
+        t_us, frame_index = pairs.t_boot_us[rows], batch.pair_frame_index[rows]
         self._watch(t_us, value, judged)
         detail = along(difference[judged])
         for tier, limit in (("warning", self._settings.warning_rad_s), ("alarm", self._settings.alarm_rad_s)):
             limits = limit + allowed[judged]
-            yield Ratings(tier, rated(t_us[judged], ordinal[judged], value[judged], limits, self._delays, detail))
+            yield RatedSamples(
+                tier, rated(t_us[judged], frame_index[judged], value[judged], limits, self._delays, detail)
+            )
 
     def why_not(self) -> str:
         """Why nothing was judged."""

@@ -12,21 +12,19 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 from msgspec.structs import replace
 
 from gcs_bridge import attitude
-from gcs_bridge.align import Pairs
-from gcs_bridge.checks.protocol import Check, Ratings, SlidingSums, Tier, length, rated
-from gcs_bridge.flight import Flight
-from gcs_bridge.lookup import in_order
-from gcs_bridge.samples import finite
+from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.checks.base import Check, length, rated
+from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.checks.quantiles import Quantiles
+from gcs_bridge.checks.windows import SlidingSums
+from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.pairing.neighbours import in_order
+from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.settings import AlarmSettings, EulerQuaternionSettings
-from gcs_bridge.statistics import Quantiles
-
-Floats = npt.NDArray[np.float64]
-Int64s = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+from gcs_bridge.telemetry.samples import finite
 
 
 @dataclass(frozen=True)
@@ -48,11 +46,11 @@ class Disagreement:
     counted: Mask
 
 
-def compare(pairs: Pairs, settings: EulerQuaternionSettings, last_bracket: int = -1) -> Disagreement:
+def compare(pairs: Pairs, settings: EulerQuaternionSettings, last_interval_id: int = -1) -> Disagreement:
     """Judge each pair by a limit that grows with the bound of its alignment.
 
     A pair above its limit is bad; one below it is good only if the bound leaves anything to tell, else it is not
-    judged. `last_bracket` is that of the pair before the first: pairs on one step of the faster stream count once.
+    judged. `last_interval_id` is that of the pair before the first: pairs on one step of the faster stream count once.
     """
     delta = attitude.multiply(attitude.conjugate(pairs.q_euler), pairs.q_quaternion)
     tilt, heading = attitude.tilt_heading_between(pairs.q_euler, pairs.q_quaternion)
@@ -61,8 +59,8 @@ def compare(pairs: Pairs, settings: EulerQuaternionSettings, last_bracket: int =
     rotvec_world = attitude.rotate(pairs.q_euler, rotvec_body)
     limit = settings.limit_rad + pairs.bound_rad  # NaN where the bound is unknown: then not judged
     judged = ((angle > limit) | (pairs.bound_rad <= settings.usable_bound_rad)) & ~pairs.after_reset
-    bracket_before = np.concatenate(([last_bracket], pairs.bracket))[:-1]
-    counted = judged & ((pairs.bracket == -1) | (pairs.bracket != bracket_before))
+    interval_before = np.concatenate(([last_interval_id], pairs.interval_id))[:-1]
+    counted = judged & ((pairs.interval_id == -1) | (pairs.interval_id != interval_before))
     return Disagreement(angle, tilt, heading, rotvec_body, rotvec_world, limit, judged, counted)
 
 
@@ -71,8 +69,8 @@ class EulerQuaternion(Check):
 
     name: ClassVar[str] = "euler_quaternion"
     needs: ClassVar[Literal["both", "quaternion", "any", "nothing"]] = "both"
-    is_not: ClassVar[str] = "not an estimator that is wrong: both messages come from one estimate"
-    agrees: ClassVar[str] = "both forms are one rotation, within the limit and the bound of each comparison"
+    not_a_sign_of: ClassVar[str] = "not an estimator that is wrong: both messages come from one estimate"
+    ok_text: ClassVar[str] = "both forms are one rotation, within the limit and the bound of each comparison"
 
     def __init__(self, settings: EulerQuaternionSettings, delays: AlarmSettings) -> None:
         """Start with nothing judged."""
@@ -86,27 +84,29 @@ class EulerQuaternion(Check):
         self._settings = settings
         self._delays = delays
         self._slow = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.mean_hold_s)
-        self._last_bracket = -1
+        self._last_interval_id = -1
         self._start_mean()
 
     @property
-    def tiers(self) -> tuple[Tier, ...]:
+    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
         """The alarm of single pairs, and the warning of their mean."""
         return (
-            Tier(
+            AlarmSpec(
                 "pairs",
                 "alarm",
                 "ATTITUDE and ATTITUDE_QUATERNION are not one rotation",
                 self._delays,
                 recurring_window_s=self._settings.recurring_window_s,
             ),
-            Tier("mean", "warning", "ATTITUDE and ATTITUDE_QUATERNION differ by a small constant turn", self._slow),
+            AlarmSpec(
+                "mean", "warning", "ATTITUDE and ATTITUDE_QUATERNION differ by a small constant turn", self._slow
+            ),
         )
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
         super().start_boot()
-        self._last_bracket = -1
+        self._last_interval_id = -1
         self._start_mean()
 
     def _start_mean(self) -> None:
@@ -115,16 +115,16 @@ class EulerQuaternion(Check):
         self._first_us: int | None = None
         self._bad_us = self._onset_us = -_CALM_US
 
-    def judge(self, flight: Flight) -> Iterator[Ratings]:
+    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Compare the pairs, and rate those that count."""
-        pairs = flight.pairs
-        self.found = found = compare(pairs, self._settings, self._last_bracket)
+        pairs = batch.pairs
+        self.found = found = compare(pairs, self._settings, self._last_interval_id)
         if not len(pairs):
             return
-        self._last_bracket = int(pairs.bracket[-1])
+        self._last_interval_id = int(pairs.interval_id[-1])
         self.judged += int(found.judged.sum())
         self.same_instant += int((found.judged & pairs.same_instant).sum())
-        self.judged_us += int(pairs.stands_for_us[found.judged].sum())
+        self.judged_us += int(pairs.duration_us[found.judged].sum())
         self.residual.add(found.angle[found.judged])
         self._follow_lag(pairs.w_nb_b_rad_s[found.judged], found.rotvec_body[found.judged])
         as_sent = pairs.q_euler_sent
@@ -132,28 +132,28 @@ class EulerQuaternion(Check):
         self.raw.add(raw[found.judged])
         self.tilt.add(found.tilt[found.judged])
         self.heading.add(np.abs(found.heading[found.judged]))
-        found.counted[self._withheld(flight, found)] = False
+        found.counted[self._withheld(batch, found)] = False
         rows = np.flatnonzero(found.counted)
         angle, limit = found.angle[rows], found.limit[rows]
         detail = np.column_stack((found.tilt, found.heading, found.rotvec_body))[rows]
         self.counted += len(rows)
         self.bad += int((angle > limit).sum())
-        t_us, ordinal = pairs.t_boot_us[rows], flight.pair_ordinal[rows]
-        yield Ratings("pairs", rated(t_us, ordinal, angle, limit, self._delays, detail))
-        yield from self._mean(flight, found)
+        t_us, frame_index = pairs.t_boot_us[rows], batch.pair_frame_index[rows]
+        yield RatedSamples("pairs", rated(t_us, frame_index, angle, limit, self._delays, detail))
+        yield from self._mean(batch, found)
 
-    def _withheld(self, flight: Flight, found: Disagreement) -> Int64s:
+    def _withheld(self, batch: CheckBatch, found: Disagreement) -> Int64s:
         """Pairs that disagree as a firmware may on purpose, while that could still be found out.
 
         What a firmware does is told by parameters and modes, or fitted to some pairs: both take a moment. For so long
         after its onset a disagreement has no vote if it is a turn about the body's y axis on an ArduPlane (a trim, a
         view), or, where it is there from a boot's first seconds on, no larger than AHRS_TRIM could make it there.
         """
-        t_us = flight.pairs.t_boot_us
+        t_us = batch.pairs.t_boot_us
         if self._first_us is None:
             self._first_us = int(t_us[0])
         bad = np.flatnonzero(found.counted & (found.angle > found.limit))
-        bad = np.asarray(bad[flight.ardupilot.at(flight.pair_ordinal[bad]) != 0])  # NaN: not known yet
+        bad = np.asarray(bad[batch.ardupilot.at(batch.pair_frame_index[bad]) != 0])  # NaN: not known yet
         if not len(bad):
             return bad
         at_us = np.maximum.accumulate(np.concatenate(([self._bad_us], t_us[bad])))
@@ -162,19 +162,19 @@ class EulerQuaternion(Check):
         self._bad_us, self._onset_us = int(at_us[-1]), int(onset_us[-1])
         turn = found.rotvec_body[bad]
         about_y = np.hypot(turn[:, 0], turn[:, 2]) <= _OFF_AXIS * found.angle[bad] + found.limit[bad]
-        q_nb = flight.pairs.q_quaternion[bad]
+        q_nb = batch.pairs.q_quaternion[bad]
         tilt = np.arccos(np.clip(attitude.body_down(q_nb)[:, 2], -1.0, 1.0))
         by_trim = found.angle[bad] <= 2.0 * np.sin(tilt / 2.0) * _MOST_TRIM_RAD + found.limit[bad]
         starting = onset_us - self._first_us < _START_US
-        slow = flight.pairs.stands_for_us[bad] >= _SLOW_US
+        slow = batch.pairs.duration_us[bad] >= _SLOW_US
         young = at_us[1:] - onset_us < np.where(slow, _HELD_SLOW_US, _HELD_US)
         return np.asarray(
-            bad[young & ((about_y & (flight.fixed_wing.at(flight.pair_ordinal[bad]) != 0)) | (by_trim & starting))]
+            bad[young & ((about_y & (batch.fixed_wing.at(batch.pair_frame_index[bad]) != 0)) | (by_trim & starting))]
         )
 
-    def _mean(self, flight: Flight, found: Disagreement) -> Iterator[Ratings]:
+    def _mean(self, batch: CheckBatch, found: Disagreement) -> Iterator[RatedSamples]:
         """The mean turn of the last seconds' good pairs, in world and body axes: noise averages out, offsets don't."""
-        pairs = flight.pairs
+        pairs = batch.pairs
         good = np.flatnonzero(found.judged & (found.angle <= found.limit) & np.isfinite(found.rotvec_body[:, 0]))
         good = good[in_order(pairs.t_boot_us[good], self._latest_us)]
         if not len(good):
@@ -190,9 +190,9 @@ class EulerQuaternion(Check):
         limit = self._settings.mean_limit_rad + np.sqrt(np.maximum(sums[:, 1], 0.0)) / sums[:, 0]
         enough = (count >= self._settings.mean_pairs) & (t_us - since_us >= 0.5e6 * self._settings.mean_window_s)
         detail = np.hstack((found.tilt[good, None], found.heading[good, None], mean[:, :3]))[enough]
-        yield Ratings(
+        yield RatedSamples(
             "mean",
-            rated(t_us[enough], flight.pair_ordinal[good][enough], value[enough], limit[enough], self._slow, detail),
+            rated(t_us[enough], batch.pair_frame_index[good][enough], value[enough], limit[enough], self._slow, detail),
         )
 
     def _follow_lag(self, w_b_rad_s: Floats, rotvec_body: Floats) -> None:

@@ -9,19 +9,17 @@ from collections.abc import Iterator
 from typing import ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 from msgspec.structs import replace
 
 from gcs_bridge import attitude
+from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.attitude import RestWatch
-from gcs_bridge.checks.protocol import ImuCheck, Ratings, SlidingSums, Tier, length, rated
-from gcs_bridge.flight import Flight
-from gcs_bridge.samples import finite
+from gcs_bridge.checks.base import ImuCheck, length, rated
+from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.checks.windows import SlidingSums
+from gcs_bridge.columns import Floats, Int64s, Mask
 from gcs_bridge.settings import AlarmSettings, GravitySettings
-
-Floats = npt.NDArray[np.float64]
-Int64s = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+from gcs_bridge.telemetry.samples import finite
 
 
 class Gravity(ImuCheck):
@@ -29,8 +27,8 @@ class Gravity(ImuCheck):
 
     name: ClassVar[str] = "gravity"
     judges: ClassVar[Literal["f_b_m_s2", "w_b_rad_s"]] = "f_b_m_s2"
-    is_not: ClassVar[str] = "not the heading, which gravity cannot show"
-    agrees: ClassVar[str] = "at rest the accelerometer and the attitude see the same down"
+    not_a_sign_of: ClassVar[str] = "not the heading, which gravity cannot show"
+    ok_text: ClassVar[str] = "at rest the accelerometer and the attitude see the same down"
 
     def __init__(self, settings: GravitySettings, delays: AlarmSettings) -> None:
         """Start with nothing judged."""
@@ -41,14 +39,14 @@ class Gravity(ImuCheck):
         self._start()
 
     @property
-    def tiers(self) -> tuple[Tier, ...]:
+    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
         """At rest a warning and an alarm; in flight an alarm."""
         what = "at rest the accelerometer's down is not the attitude's"
         gross = "for seconds the accelerometer's down is far from the attitude's"
         return (
-            Tier("warning", "warning", what, self._delays),
-            Tier("alarm", "alarm", what, self._delays),
-            Tier("gross", "alarm", gross, self._at_once),
+            AlarmSpec("warning", "warning", what, self._delays),
+            AlarmSpec("alarm", "alarm", what, self._delays),
+            AlarmSpec("gross", "alarm", gross, self._at_once),
         )
 
     def start_boot(self) -> None:
@@ -61,13 +59,13 @@ class Gravity(ImuCheck):
         self._sums = SlidingSums(self._settings.gross_window_s, 6)
         self._loud_us = -1
 
-    def judge(self, flight: Flight) -> Iterator[Ratings]:
+    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate each sample of the IMU by the attitude at its time."""
-        self._follow_scale(flight)
-        seen = flight.seen.where(finite(flight.seen.f_b_m_s2))
+        self._follow_scale(batch)
+        seen = batch.imu_with_attitude.where(finite(batch.imu_with_attitude.f_b_m_s2))
         if not len(seen):
             return
-        t_us, ordinal, force = seen.t_boot_us, seen.ordinal, seen.f_b_m_s2
+        t_us, frame_index, force = seen.t_boot_us, seen.frame_index, seen.f_b_m_s2
         # The IMU's axes are the body's before the trim: both downs are compared there.
         q_nb = attitude.multiply(seen.q_nb, attitude.quaternion_from_rotvec(seen.trim_b_rad))
         reported = np.where(finite(seen.w_b_rad_s)[:, None], seen.w_b_rad_s, seen.w1_b_rad_s)
@@ -78,12 +76,12 @@ class Gravity(ImuCheck):
         at = np.flatnonzero(resting & np.isfinite(value))
         detail = _between_downs(down[at], force[at], value[at], self._settings.warning_rad)
         for tier, limit in (("warning", self._settings.warning_rad), ("alarm", self._settings.alarm_rad)):
-            yield Ratings(tier, rated(t_us[at], ordinal[at], value[at], limit, self._delays, detail))
-        yield self._gross(t_us, ordinal, force, reported, down, flight.fixed_wing.at(ordinal) == 1)
+            yield RatedSamples(tier, rated(t_us[at], frame_index[at], value[at], limit, self._delays, detail))
+        yield self._gross(t_us, frame_index, force, reported, down, batch.fixed_wing.at(frame_index) == 1)
 
     def _gross(
-        self, t_us: Int64s, ordinal: Int64s, force: Floats, rates: Floats, down: Floats, fixed_wing: Mask
-    ) -> Ratings:
+        self, t_us: Int64s, frame_index: Int64s, force: Floats, rates: Floats, down: Floats, fixed_wing: Mask
+    ) -> RatedSamples:
         """The mean specific force of some seconds against the mean down, while the vehicle turns slowly."""
         settings = self._settings
         size = np.sqrt(rates[:, 0] ** 2 + rates[:, 1] ** 2 + rates[:, 2] ** 2)
@@ -101,7 +99,9 @@ class Gravity(ImuCheck):
         known = np.isfinite(angle)
         rows, angle = rows[known], angle[known]
         detail = _between_downs(mean_down[known], mean_force[known], angle, settings.gross_rad)
-        return Ratings("gross", rated(t_us[rows], ordinal[rows], angle, settings.gross_rad, self._at_once, detail))
+        return RatedSamples(
+            "gross", rated(t_us[rows], frame_index[rows], angle, settings.gross_rad, self._at_once, detail)
+        )
 
     def why_not(self) -> str:
         """Why nothing was judged."""

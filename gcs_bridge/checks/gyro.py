@@ -11,16 +11,15 @@ from collections.abc import Iterator
 from typing import ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from gcs_bridge.checks.protocol import ImuCheck, Ratings, Tier, Turning, along, length, rated
-from gcs_bridge.flight import Flight
-from gcs_bridge.mavlink.jit import kernel
-from gcs_bridge.samples import finite
+from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.checks.base import ImuCheck, along, length, rated
+from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.checks.windows import Turning
+from gcs_bridge.columns import Floats, Int64s
+from gcs_bridge.jit import kernel
 from gcs_bridge.settings import AlarmSettings, GyroSettings
-
-Floats = npt.NDArray[np.float64]
-Int64s = npt.NDArray[np.int64]
+from gcs_bridge.telemetry.samples import finite
 
 _BLOCK_US = 10_000_000  # after so long, the lag between the clocks is estimated anew
 _LEAST_CHANGE_RAD_S2 = math.radians(20.0)  # on average, before a lag can be told
@@ -69,8 +68,8 @@ class Gyro(ImuCheck):
     name: ClassVar[str] = "gyro"
     judges: ClassVar[Literal["f_b_m_s2", "w_b_rad_s"]] = "w_b_rad_s"
     unit: ClassVar[str] = "deg/s"
-    is_not: ClassVar[str] = "not a convention or encoding of the attitude: rates are compared with rates"
-    agrees: ClassVar[str] = "the IMU's gyro and the attitude's rates agree, but for a slow bias"
+    not_a_sign_of: ClassVar[str] = "not a convention or encoding of the attitude: rates are compared with rates"
+    ok_text: ClassVar[str] = "the IMU's gyro and the attitude's rates agree, but for a slow bias"
 
     def __init__(self, settings: GyroSettings, delays: AlarmSettings) -> None:
         """Start with nothing judged."""
@@ -80,10 +79,10 @@ class Gyro(ImuCheck):
         self._start()
 
     @property
-    def tiers(self) -> tuple[Tier, ...]:
+    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
         """A warning and an alarm."""
         what = "the IMU's gyro and the attitude's rates differ"
-        return Tier("warning", "warning", what, self._delays), Tier("alarm", "alarm", what, self._delays)
+        return AlarmSpec("warning", "warning", what, self._delays), AlarmSpec("alarm", "alarm", what, self._delays)
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
@@ -95,17 +94,17 @@ class Gyro(ImuCheck):
         self._turning = Turning()
         self._first_us: int | None = None
 
-    def judge(self, flight: Flight) -> Iterator[Ratings]:
+    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate each sample of the IMU between two of the attitude."""
-        self._follow_scale(flight)
-        seen = flight.seen.where(finite(flight.seen.w_b_rad_s))
+        self._follow_scale(batch)
+        seen = batch.imu_with_attitude.where(finite(batch.imu_with_attitude.w_b_rad_s))
         # Beyond what gyros can measure, and where the int16 of the wire starts anew (32.767 rad/s), they tell nothing,
         # of their bias neither.
         speeds = length(seen.w0_b_rad_s), length(seen.w1_b_rad_s)
         told = self._turning.told_by_rates(seen.w0_b_rad_s, seen.w1_b_rad_s, seen.gap_s)
         told &= (speeds[0] > 0) & (speeds[1] > 0) & (np.maximum(*speeds) < self._settings.usable_below_rad_s)
         seen = seen.where(told)
-        found_t, ordinal = seen.t_boot_us, seen.ordinal
+        found_t, frame_index = seen.t_boot_us, seen.frame_index
         step = seen.w1_b_rad_s - seen.w0_b_rad_s
         difference = seen.w_b_rad_s - (seen.w0_b_rad_s + seen.place[:, None] * step)
         change = step / np.maximum(seen.gap_s, 1e-3)[:, None]
@@ -120,8 +119,8 @@ class Gyro(ImuCheck):
         allowed = length(step)[judged]
         detail = along(rest[judged])
         for tier, limit in (("warning", self._settings.warning_rad_s), ("alarm", self._settings.alarm_rad_s)):
-            yield Ratings(
-                tier, rated(found_t[judged], ordinal[judged], value[judged], limit + allowed, self._delays, detail)
+            yield RatedSamples(
+                tier, rated(found_t[judged], frame_index[judged], value[judged], limit + allowed, self._delays, detail)
             )
 
     def why_not(self) -> str:

@@ -11,18 +11,16 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from msgspec.structs import replace
 
-from gcs_bridge.align import Steps
-from gcs_bridge.checks.protocol import Check, Ratings, SlidingSums, Tier, Turning, along, length, rated
-from gcs_bridge.flight import Flight
-from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION
+from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.checks.base import Check, along, length, rated
+from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.checks.windows import SlidingSums, Turning
+from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.pairing.steps import Steps
 from gcs_bridge.settings import AlarmSettings, KinematicsSettings
-
-Floats = npt.NDArray[np.float64]
-Int64s = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION
 
 _STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
 
@@ -31,8 +29,8 @@ class Kinematics(Check):
     """The check over one vehicle."""
 
     name: ClassVar[str] = "kinematics"
-    is_not: ClassVar[str] = "not one form against the other: each stream contradicts its own rates"
-    agrees: ClassVar[str] = "the attitude turns as its rates say"
+    not_a_sign_of: ClassVar[str] = "not one form against the other: each stream contradicts its own rates"
+    ok_text: ClassVar[str] = "the attitude turns as its rates say"
 
     def __init__(self, settings: KinematicsSettings, delays: AlarmSettings) -> None:
         """Start with nothing judged."""
@@ -43,13 +41,16 @@ class Kinematics(Check):
         self._start_slopes()
 
     @property
-    def tiers(self) -> tuple[Tier, ...]:
+    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
         """For each stream an alarm of its steps, and a warning of the slope on any axis."""
         steps = (
-            Tier(f"{name} steps", "alarm", f"{name} does not turn as its rates say", self._delays) for name in _STREAMS
+            AlarmSpec(f"{name} steps", "alarm", f"{name} does not turn as its rates say", self._delays)
+            for name in _STREAMS
         )
         slopes = (
-            Tier(f"{name} slope", "warning", f"the rates of {name} have another scale than its turn", self._slow, "1")
+            AlarmSpec(
+                f"{name} slope", "warning", f"the rates of {name} have another scale than its turn", self._slow, "1"
+            )
             for name in _STREAMS
         )
         return *steps, *slopes
@@ -64,39 +65,41 @@ class Kinematics(Check):
         self._turning = [Turning() for _ in _STREAMS]
         self._denied = [False for _ in _STREAMS]
 
-    def judge(self, flight: Flight) -> Iterator[Ratings]:
+    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate every step of both streams."""
-        both = list(zip(flight.steps, flight.step_ordinal, strict=True))
+        both = list(zip(batch.steps, batch.step_frame_index, strict=True))
         told = [
             turning.told_by_rates(steps.w0_b_rad_s, steps.w1_b_rad_s, steps.h_s)
             for turning, (steps, _) in zip(self._turning, both, strict=True)
         ]
         reported = [_reported(steps) for steps, _ in both]
-        ordinals = np.concatenate([ordinal for _, ordinal in both])
-        arrival = np.argsort(ordinals, kind="stable")
+        frame_indices = np.concatenate([frame_index for _, frame_index in both])
+        arrival = np.argsort(frame_indices, kind="stable")
         t_us = np.concatenate([steps.t1_us for steps, _ in both])[arrival]
-        kin = np.concatenate([steps.kin_rad for steps, _ in both])[arrival]
+        kin = np.concatenate([steps.rate_residual_rad for steps, _ in both])[arrival]
         usable = np.concatenate(told)[arrival] & np.concatenate(reported)[arrival]
         self._watch(t_us, kin, np.isfinite(kin) & usable)
-        for k, ((steps, ordinal), name, sums) in enumerate(zip(both, _STREAMS, self._sums, strict=True)):
+        for k, ((steps, frame_index), name, sums) in enumerate(zip(both, _STREAMS, self._sums, strict=True)):
             if not len(steps):
                 continue
             # A lone step that the rates deny is a reset of the estimator: it has no vote.
-            alone = steps.denied & ~np.concatenate(([self._denied[k]], steps.denied[:-1]))
-            self._denied[k] = bool(steps.denied[-1])
-            usable = np.isfinite(steps.kin_rad) & reported[k]
+            alone = steps.contradicts_rates & ~np.concatenate(([self._denied[k]], steps.contradicts_rates[:-1]))
+            self._denied[k] = bool(steps.contradicts_rates[-1])
+            usable = np.isfinite(steps.rate_residual_rad) & reported[k]
             by_rates = _turn_by_rates(steps)
             rows = np.flatnonzero(usable & told[k] & ~alone)
             # What hardly turned is no contradiction, whatever the rates say of it.
-            value = np.where(steps.denied, steps.kin_rad, np.minimum(steps.kin_rad, steps.limit_rad))[rows]
+            value = np.where(
+                steps.contradicts_rates, steps.rate_residual_rad, np.minimum(steps.rate_residual_rad, steps.limit_rad)
+            )[rows]
             detail = along((steps.turn_b_rad - by_rates)[rows])
-            rating = rated(steps.t1_us[rows], ordinal[rows], value, steps.limit_rad[rows], self._delays, detail)
-            yield Ratings(f"{name} steps", rating)
-            yield from self._slope(name, sums, steps, ordinal, by_rates, usable & ~steps.denied)
+            rating = rated(steps.t1_us[rows], frame_index[rows], value, steps.limit_rad[rows], self._delays, detail)
+            yield RatedSamples(f"{name} steps", rating)
+            yield from self._slope(name, sums, steps, frame_index, by_rates, usable & ~steps.contradicts_rates)
 
     def _slope(
-        self, name: str, sums: SlidingSums, steps: Steps, ordinal: Int64s, by_rates: Floats, usable: Mask
-    ) -> Iterator[Ratings]:
+        self, name: str, sums: SlidingSums, steps: Steps, frame_index: Int64s, by_rates: Floats, usable: Mask
+    ) -> Iterator[RatedSamples]:
         """Turn over rate, per body axis, by least squares over the last seconds."""
         settings = self._settings
         by_rates, turn = np.where(usable[:, None], by_rates, 0.0), np.where(usable[:, None], steps.turn_b_rad, 0.0)
@@ -119,9 +122,9 @@ class Kinematics(Check):
         rows = np.flatnonzero(seen)
         off = off[rows]
         value = np.maximum(np.maximum(off[:, 0], off[:, 1]), off[:, 2])
-        yield Ratings(
+        yield RatedSamples(
             f"{name} slope",
-            rated(steps.t1_us[rows], ordinal[rows], value, 1.0, self._slow, along(np.maximum(off - 1.0, 0.0))),
+            rated(steps.t1_us[rows], frame_index[rows], value, 1.0, self._slow, along(np.maximum(off - 1.0, 0.0))),
         )
 
     def why_not(self) -> str:

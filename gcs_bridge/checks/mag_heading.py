@@ -13,8 +13,9 @@ from typing import ClassVar
 import numpy as np
 
 from gcs_bridge import attitude
-from gcs_bridge.checks.protocol import Check, Ratings, Tier, length
-from gcs_bridge.flight import Flight
+from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.checks.base import Check, length
+from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.settings import MagHeadingSettings
 
 _LEAST_GAUSS = 0.01  # the earth's field is 0.2 to 0.7: what reads less is no compass
@@ -24,8 +25,8 @@ class MagHeading(Check):
     """The check over one vehicle."""
 
     name: ClassVar[str] = "mag_heading"
-    is_not: ClassVar[str] = "not the tilt, which a compass cannot show"
-    agrees: ClassVar[str] = "followed for information: it raises no alarm"
+    not_a_sign_of: ClassVar[str] = "not the tilt, which a compass cannot show"
+    ok_text: ClassVar[str] = "followed for information: it raises no alarm"
 
     def __init__(self, settings: MagHeadingSettings) -> None:
         """Start with nothing judged."""
@@ -34,7 +35,7 @@ class MagHeading(Check):
         self._start()
 
     @property
-    def tiers(self) -> tuple[Tier, ...]:
+    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
         """None: a compass alone never decides."""
         return ()
 
@@ -47,9 +48,9 @@ class MagHeading(Check):
         self._first_us: int | None = None
         self._mean = np.zeros((1, 2))  # running sum of the difference's direction
 
-    def judge(self, flight: Flight) -> Iterator[Ratings]:
+    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Follow the difference; nothing is rated."""
-        seen = flight.seen.where(length(flight.seen.m_b_gauss) > _LEAST_GAUSS)
+        seen = batch.imu_with_attitude.where(length(batch.imu_with_attitude.m_b_gauss) > _LEAST_GAUSS)
         if not len(seen):
             return
         t_us = seen.t_boot_us

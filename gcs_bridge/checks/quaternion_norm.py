@@ -7,10 +7,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.checks.protocol import Check, Ratings, Tier, rated
-from gcs_bridge.flight import Flight
-from gcs_bridge.samples import finite
+from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.checks.base import Check, rated
+from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.settings import AlarmSettings, QuaternionNormSettings
+from gcs_bridge.telemetry.samples import finite
 
 
 class QuaternionNorm(Check):
@@ -20,8 +21,8 @@ class QuaternionNorm(Check):
     needs: ClassVar[Literal["both", "quaternion", "any", "nothing"]] = "quaternion"
     compares: ClassVar[bool] = False
     unit: ClassVar[str] = "1"
-    is_not: ClassVar[str] = "not a wrong angle: that is judged on a normalised copy"
-    agrees: ClassVar[str] = "every quaternion has unit norm"
+    not_a_sign_of: ClassVar[str] = "not a wrong angle: that is judged on a normalised copy"
+    ok_text: ClassVar[str] = "every quaternion has unit norm"
 
     def __init__(self, settings: QuaternionNormSettings, delays: AlarmSettings) -> None:
         """Start with nothing judged."""
@@ -30,21 +31,21 @@ class QuaternionNorm(Check):
         self._delays = delays
 
     @property
-    def tiers(self) -> tuple[Tier, ...]:
+    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
         """A warning and an alarm."""
         what = "the norm of ATTITUDE_QUATERNION is not 1"
-        return Tier("warning", "warning", what, self._delays), Tier("alarm", "alarm", what, self._delays)
+        return AlarmSpec("warning", "warning", what, self._delays), AlarmSpec("alarm", "alarm", what, self._delays)
 
-    def judge(self, flight: Flight) -> Iterator[Ratings]:
+    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate each finite quaternion, those without any attitude left included."""
-        q = flight.quaternion.q_nb
+        q = batch.quaternion.q_nb
         with np.errstate(over="ignore"):
             off = np.abs(np.sqrt(q[:, 0] ** 2 + q[:, 1] ** 2 + q[:, 2] ** 2 + q[:, 3] ** 2) - 1.0)
         numbers = finite(q)
-        self._watch(flight.quaternion.t_boot_us, off, numbers)
-        t_us, ordinal = flight.quaternion.t_boot_us[numbers], flight.quaternion_ordinal[numbers]
+        self._watch(batch.quaternion.t_boot_us, off, numbers)
+        t_us, frame_index = batch.quaternion.t_boot_us[numbers], batch.quaternion_frame_index[numbers]
         for tier, limit in (("warning", self._settings.warning), ("alarm", self._settings.alarm)):
-            yield Ratings(tier, rated(t_us, ordinal, off[numbers], limit, self._delays))
+            yield RatedSamples(tier, rated(t_us, frame_index, off[numbers], limit, self._delays))
 
     def why_not(self) -> str:
         """Why nothing was judged."""

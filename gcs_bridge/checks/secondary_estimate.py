@@ -10,18 +10,16 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from msgspec.structs import replace
 
 from gcs_bridge import attitude
-from gcs_bridge.checks.protocol import Check, Ratings, Tier, between_attitudes, length, rated
-from gcs_bridge.flight import ATTITUDE_WIDTH, MAX_GAP_US, Flight, attitude_at
-from gcs_bridge.lookup import Lookup, Track, in_order
+from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.checks.base import Check, between_attitudes, length, rated
+from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.pairing.neighbours import Lookup, Track, in_order
+from gcs_bridge.pairing.references import ATTITUDE_WIDTH, MAX_GAP_US, attitude_at
 from gcs_bridge.settings import AlarmSettings, SecondaryEstimateSettings
-
-Floats = npt.NDArray[np.float64]
-Int64s = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
 _STAMP_BOUND_S = 0.001  # stamps are whole milliseconds
 
@@ -60,8 +58,10 @@ class SecondaryEstimate(Check):
     """The check over one vehicle."""
 
     name: ClassVar[str] = "secondary_estimate"
-    is_not: ClassVar[str] = "not one form against the other: one of two estimates is wrong, and it may be the second"
-    agrees: ClassVar[str] = "both estimates agree in quiet flight"
+    not_a_sign_of: ClassVar[str] = (
+        "not one form against the other: one of two estimates is wrong, and it may be the second"
+    )
+    ok_text: ClassVar[str] = "both estimates agree in quiet flight"
 
     def __init__(self, settings: SecondaryEstimateSettings, delays: AlarmSettings) -> None:
         """Start with nothing judged."""
@@ -74,15 +74,17 @@ class SecondaryEstimate(Check):
         self._start()
 
     @property
-    def tiers(self) -> tuple[Tier, ...]:
+    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
         """In quiet flight a warning and an alarm of each part; an alarm of gross differences at any time."""
         fine = (
-            Tier(f"{part} {severity}", severity, f"the second estimate (AHRS2) has another {part}", self._delays)
+            AlarmSpec(f"{part} {severity}", severity, f"the second estimate (AHRS2) has another {part}", self._delays)
             for part in ("tilt", "heading")
             for severity in ("warning", "alarm")
         )
         gross = (
-            Tier(f"{part} gross", "alarm", f"the second estimate (AHRS2) has a wholly different {part}", self._gross)
+            AlarmSpec(
+                f"{part} gross", "alarm", f"the second estimate (AHRS2) has a wholly different {part}", self._gross
+            )
             for part in ("tilt", "heading")
         )
         return *fine, *gross
@@ -99,17 +101,17 @@ class SecondaryEstimate(Check):
         self._first_us: int | None = None
         self._latest_us = -1
 
-    def judge(self, flight: Flight) -> Iterator[Ratings]:
+    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate each AHRS2 by the first estimate at its time."""
-        samples = flight.secondary.samples
-        rows = np.hstack((samples.q_nb, flight.secondary.gap_us[:, None] * 1e-6))[samples.valid]
-        queries = Track(samples.t_boot_us[samples.valid], flight.secondary.ordinal[samples.valid], rows)
+        samples = batch.secondary.samples
+        rows = np.hstack((samples.q_nb, batch.secondary.gap_us[:, None] * 1e-6))[samples.valid]
+        queries = Track(samples.t_boot_us[samples.valid], batch.secondary.frame_index[samples.valid], rows)
         self._came |= len(queries) > 0
-        found = self._lookup.feed(self._with_quiet(flight.attitude), queries)
+        found = self._lookup.feed(self._with_quiet(batch.attitude), queries)
         picked = in_order(found.query.t_us, self._latest_us)
         if not len(picked):
             return
-        t_us, ordinal = found.query.t_us[picked], found.ordinal[picked]
+        t_us, frame_index = found.query.t_us[picked], found.frame_index[picked]
         self._latest_us = int(t_us[-1])
         if self._first_us is None:
             self._first_us = int(t_us[0])
@@ -137,18 +139,20 @@ class SecondaryEstimate(Check):
                 at = np.flatnonzero(where & np.isfinite(angle))
                 limits_at = limit + bound[at]
                 detail = between_attitudes(angle[at] > limits_at, first[at], second[at])
-                yield Ratings(f"{part} {kind}", rated(t_us[at], ordinal[at], angle[at], limits_at, delays, detail))
+                yield RatedSamples(
+                    f"{part} {kind}", rated(t_us[at], frame_index[at], angle[at], limits_at, delays, detail)
+                )
 
     def _with_quiet(self, track: Track) -> Track:
         """The attitudes, each with the seconds since it was last turning fast or banked."""
         if not len(track):
-            return Track(track.t_us, track.ordinal, np.empty((0, ATTITUDE_WIDTH + 1)))
+            return Track(track.t_us, track.frame_index, np.empty((0, ATTITUDE_WIDTH + 1)))
         settings = self._settings
         rates = track.rows[:, 4:7]
         slow = length(rates) < settings.quiet_below_rad_s
         level = attitude.body_down(track.rows[:, :4])[:, 2] > np.cos(settings.quiet_bank_rad)
         quiet_s = self._quiet.feed(track.t_us, slow & level) * 1e-6
-        return Track(track.t_us, track.ordinal, np.hstack((track.rows, quiet_s[:, None])))
+        return Track(track.t_us, track.frame_index, np.hstack((track.rows, quiet_s[:, None])))
 
     def why_not(self) -> str:
         """Why nothing was judged."""

@@ -8,21 +8,18 @@ from statistics import median
 from typing import ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 from msgspec.structs import replace
 
 from gcs_bridge import attitude
-from gcs_bridge.alarms import Rated
-from gcs_bridge.checks.protocol import Check, Ratings, Tier, rated
-from gcs_bridge.flight import Flight
-from gcs_bridge.liveness import Turn
-from gcs_bridge.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples, finite
+from gcs_bridge.alarms.rated import Rated
+from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.checks.base import Check, rated
+from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.columns import Floats, Int64s, Mask
 from gcs_bridge.settings import AlarmSettings, StreamSettings
-from gcs_bridge.told import ParameterSet
-
-Floats = npt.NDArray[np.float64]
-Int64s = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples, finite
+from gcs_bridge.telemetry.statements import ParameterSet
+from gcs_bridge.telemetry.stream_liveness import StreamChange
 
 _STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
 _WINDOWS = 24  # of the own rate, whose median is the usual one
@@ -47,7 +44,7 @@ class _Stream:
         self._fresh = False  # whether the last sample's numbers were new
         self._other: Floats = np.full(4, np.nan)
         self._latest_us: int | None = None
-        self._window = (0, 0)  # time and ordinal at its beginning
+        self._window = (0, 0)  # time and frame_index at its beginning
         self._count = 0
         self._whole = True
         self._rates: deque[int] = deque(maxlen=_WINDOWS)
@@ -56,23 +53,28 @@ class _Stream:
         self._heard_us = 0  # time so far in which the vehicle was heard
         self._heard_last_us, self._ordinal_last = -1, -1  # the same at the stream's last sample
 
-    def silent(self, k: int, flight: Flight, least_periods: Floats, transfers: Int64s, delays: AlarmSettings) -> Rated:
+    def silent(
+        self, k: int, batch: CheckBatch, least_periods: Floats, transfers: Int64s, delays: AlarmSettings
+    ) -> Rated:
         """How long the stream has been silent at each timed message, in time in which the vehicle was heard.
 
         A silence of the whole vehicle is none of the stream; nor is one while parameters are sent.
         """
-        line = flight.line
+        line = batch.line
         past_us = line.t_boot_us[:1] if self._timed_us is None else [self._timed_us]
         latest = np.maximum.accumulate(np.concatenate((past_us, line.t_boot_us)))
         self._timed_us = int(latest[-1]) if len(latest) else None
         heard = np.cumsum(np.concatenate(([self._heard_us], np.minimum(np.diff(latest), _HEARD_US))))[1:]
         index = np.where(line.stream == k, np.arange(len(heard)), -1)
         last = np.maximum.accumulate(index)
-        at_last, ordinal_at_last = np.append(heard, self._heard_last_us), np.append(line.ordinal, self._ordinal_last)
+        at_last, ordinal_at_last = (
+            np.append(heard, self._heard_last_us),
+            np.append(line.frame_index, self._ordinal_last),
+        )
         silent_us = heard - at_last[last]
         known = np.maximum.accumulate(np.where((line.stream == k) & (line.period_us >= 0), np.arange(len(heard)), -1))
         period_us = np.append(line.period_us, self.period_us)[known]
-        sent = np.searchsorted(transfers, line.ordinal) - np.searchsorted(transfers, ordinal_at_last[last])
+        sent = np.searchsorted(transfers, line.frame_index) - np.searchsorted(transfers, ordinal_at_last[last])
         transfer = (sent >= _TRANSFER) & (sent >= _TRANSFER_HZ * silent_us * 1e-6)
         usable = (at_last[last] >= 0) & (period_us >= 0) & ~transfer
         limit_us = np.maximum(self._settings.stale_after_s * 1e6, least_periods * period_us)
@@ -81,17 +83,17 @@ class _Stream:
             self._heard_last_us, self._ordinal_last = int(at_last[last[-1]]), int(ordinal_at_last[last[-1]])
             self.period_us = int(period_us[-1])
         value = np.where(usable, silent_us, 0) * 1e-6
-        on_line = rated(line.t_boot_us, line.ordinal, value, np.maximum(limit_us, 1.0) * 1e-6, delays)
-        silences = _silences(flight.turns, k)
+        on_line = rated(line.t_boot_us, line.frame_index, value, np.maximum(limit_us, 1.0) * 1e-6, delays)
+        silences = _silences(batch.stream_changes, k)
         return on_line if not silences else _merged(on_line, _at_deadlines(silences, delays))
 
     def frozen(
-        self, samples: AttitudeSamples, ordinal: Int64s, other: AttitudeSamples, other_ordinal: Int64s
+        self, samples: AttitudeSamples, frame_index: Int64s, other: AttitudeSamples, other_frame_index: Int64s
     ) -> tuple[Floats, Mask]:
         """For how long, s, each sample's numbers have been the same; and whether the other stream moved meanwhile."""
         numbers = np.ascontiguousarray(samples.q_nb if samples.rpy_rad is None else samples.rpy_rad)
         seen = np.concatenate((self._other[None], other.q_nb))
-        beside = seen[np.searchsorted(other_ordinal, ordinal)]  # the other stream's latest, at each sample
+        beside = seen[np.searchsorted(other_frame_index, frame_index)]  # the other stream's latest, at each sample
         last = np.full(numbers.shape[1], np.nan) if self._last is None else self._last
         before = np.concatenate((last[None], numbers))[:-1]
         differs = numbers != before  # NaN differs from itself, and is no frozen attitude
@@ -117,10 +119,12 @@ class _Stream:
         if len(other):
             self._other = other.q_nb[-1]
 
-    def slow(self, samples: AttitudeSamples, ordinal: Int64s, transfers: Int64s) -> Iterator[tuple[int, int, float]]:
-        """Time, ordinal and share of the usual rate, at the end of each window without a silence."""
+    def slow(
+        self, samples: AttitudeSamples, frame_index: Int64s, transfers: Int64s
+    ) -> Iterator[tuple[int, int, float]]:
+        """Time, frame and share of the usual rate, at the end of each window without a silence."""
         if self._latest_us is None:
-            self._latest_us, self._window = int(samples.t_boot_us[0]), (int(samples.t_boot_us[0]), int(ordinal[0]))
+            self._latest_us, self._window = int(samples.t_boot_us[0]), (int(samples.t_boot_us[0]), int(frame_index[0]))
         latest = np.maximum.accumulate(np.concatenate(([self._latest_us], samples.t_boot_us)))
         silent = np.diff(latest) > self._settings.stale_after_s * 1e6
         self._latest_us = int(latest[-1])
@@ -129,9 +133,9 @@ class _Stream:
             end = int(np.searchsorted(latest[1:], self._window[0] + self._window_us))
             self._count += end - begin
             self._whole &= not silent[begin : end + 1].any()
-            if end == len(ordinal):
+            if end == len(frame_index):
                 return
-            t_us, at = int(latest[end + 1]), int(ordinal[end])
+            t_us, at = int(latest[end + 1]), int(frame_index[end])
             sent = np.searchsorted(transfers, at) - np.searchsorted(transfers, self._window[1])
             if self._whole and sent < _TRANSFER:
                 if len(self._rates) >= _LEAST_WINDOWS:
@@ -142,10 +146,10 @@ class _Stream:
 
 def _merged(one: Rated, other: Rated) -> Rated:
     """Both, in order of arrival."""
-    order = np.argsort(np.concatenate((one.ordinal, other.ordinal)), kind="stable")
+    order = np.argsort(np.concatenate((one.frame_index, other.frame_index)), kind="stable")
     return Rated(
         np.concatenate((one.t_boot_us, other.t_boot_us))[order],
-        np.concatenate((one.ordinal, other.ordinal))[order],
+        np.concatenate((one.frame_index, other.frame_index))[order],
         np.concatenate((one.value, other.value))[order],
         np.concatenate((one.bad, other.bad))[order],
         np.concatenate((one.low, other.low))[order],
@@ -153,16 +157,16 @@ def _merged(one: Rated, other: Rated) -> Rated:
     )
 
 
-def _silences(turns: list[Turn], stream: int) -> list[Turn]:
+def _silences(turns: list[StreamChange], stream: int) -> list[StreamChange]:
     """Where no timed message came, although the vehicle was heard."""
     return [turn for turn in turns if turn.stream == stream and turn.what == "silent"]
 
 
-def _at_deadlines(silences: list[Turn], delays: AlarmSettings) -> Rated:
+def _at_deadlines(silences: list[StreamChange], delays: AlarmSettings) -> Rated:
     """Silences, each bad at its deadline."""
     t_us = np.array([turn.t_boot_us for turn in silences], np.int64)
     silent_s = np.array([turn.silent_us * 1e-6 for turn in silences])
-    return rated(t_us, np.array([turn.ordinal for turn in silences], np.int64), silent_s, 0.0, delays)
+    return rated(t_us, np.array([turn.frame_index for turn in silences], np.int64), silent_s, 0.0, delays)
 
 
 class StreamCheck(Check):
@@ -172,8 +176,8 @@ class StreamCheck(Check):
     needs: ClassVar[Literal["both", "quaternion", "any", "nothing"]] = "nothing"
     compares: ClassVar[bool] = False
     unit: ClassVar[str] = "s"
-    is_not: ClassVar[str] = "not the attitude itself: what does not come, or stands still, tells nothing of it"
-    agrees: ClassVar[str] = "both streams came steadily"
+    not_a_sign_of: ClassVar[str] = "not the attitude itself: what does not come, or stands still, tells nothing of it"
+    ok_text: ClassVar[str] = "both streams came steadily"
 
     def __init__(self, settings: StreamSettings, delays: AlarmSettings) -> None:
         """Start with nothing judged."""
@@ -184,16 +188,18 @@ class StreamCheck(Check):
         self._start()
 
     @property
-    def tiers(self) -> tuple[Tier, ...]:
+    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
         """For each stream: silent, frozen, without numbers, slow."""
         return tuple(
             tier
             for name in _STREAMS
             for tier in (
-                Tier(f"{name} silent", "alarm", f"{name} stopped, while the vehicle is still heard", self._at_once),
-                Tier(f"{name} frozen", "alarm", f"{name} is frozen: the same attitude on and on", self._at_once),
-                Tier(f"{name} invalid", "alarm", f"{name} carries NaN or infinity", self._delays, "1"),
-                Tier(
+                AlarmSpec(
+                    f"{name} silent", "alarm", f"{name} stopped, while the vehicle is still heard", self._at_once
+                ),
+                AlarmSpec(f"{name} frozen", "alarm", f"{name} is frozen: the same attitude on and on", self._at_once),
+                AlarmSpec(f"{name} invalid", "alarm", f"{name} carries NaN or infinity", self._delays, "1"),
+                AlarmSpec(
                     f"{name} slow", "warning", f"{name} comes at less than half of its usual rate", self._at_once, "1"
                 ),
             )
@@ -210,30 +216,32 @@ class StreamCheck(Check):
         self._transfers: Int64s = np.empty(0, np.int64)
         self._frames: tuple[Int64s, Int64s] = np.empty(0, np.int64), np.empty(0, np.int64)
 
-    def judge(self, flight: Flight) -> Iterator[Ratings]:
+    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate what came, and what did not."""
-        sides = ((flight.euler, flight.euler_ordinal), (flight.quaternion, flight.quaternion_ordinal))
-        sent = [say.ordinal for say in flight.told if isinstance(say, ParameterSet)]
+        sides = ((batch.euler, batch.euler_frame_index), (batch.quaternion, batch.quaternion_frame_index))
+        sent = [say.frame_index for say in batch.statements if isinstance(say, ParameterSet)]
         self._transfers = np.concatenate((self._transfers, np.array(sent, np.int64)))[-1000:]
-        least = self._least_periods(flight)
+        least = self._least_periods(batch)
         for k, (name, stream) in enumerate(zip(_STREAMS, self._streams, strict=True)):
-            samples, ordinal = sides[k]
-            yield Ratings(f"{name} silent", stream.silent(k, flight, least, self._transfers, self._at_once))
+            samples, frame_index = sides[k]
+            yield RatedSamples(f"{name} silent", stream.silent(k, batch, least, self._transfers, self._at_once))
             if len(samples):
-                same_s, moved = stream.frozen(samples, ordinal, *sides[1 - k])
+                same_s, moved = stream.frozen(samples, frame_index, *sides[1 - k])
                 value = np.where(moved, same_s, 0.0)
-                frozen = rated(samples.t_boot_us, ordinal, value, self._settings.frozen_after_s * 0.999, self._at_once)
-                yield Ratings(f"{name} frozen", frozen)
+                frozen = rated(
+                    samples.t_boot_us, frame_index, value, self._settings.frozen_after_s * 0.999, self._at_once
+                )
+                yield RatedSamples(f"{name} frozen", frozen)
                 invalid = np.where(finite(samples.q_nb), 0.0, 1.0)
-                yield Ratings(f"{name} invalid", rated(samples.t_boot_us, ordinal, invalid, 0.5, self._delays))
-                windows = np.array(list(stream.slow(samples, ordinal, self._transfers))).reshape(-1, 3)
+                yield RatedSamples(f"{name} invalid", rated(samples.t_boot_us, frame_index, invalid, 0.5, self._delays))
+                windows = np.array(list(stream.slow(samples, frame_index, self._transfers))).reshape(-1, 3)
                 share = 1.0 / np.maximum(windows[:, 2], 1e-3)
                 at = windows[:, 1].astype(np.int64)
                 slow = rated(windows[:, 0].astype(np.int64), at, share, 1.0 / self._settings.slow_below, self._at_once)
-                yield Ratings(f"{name} slow", slow)
+                yield RatedSamples(f"{name} slow", slow)
             stream.hear_other(sides[1 - k][0])
-        ordinals = np.concatenate([ordinal for _, ordinal in sides])
-        arrival = np.argsort(ordinals, kind="stable")
+        frame_indices = np.concatenate([frame_index for _, frame_index in sides])
+        arrival = np.argsort(frame_indices, kind="stable")
         t_us = np.concatenate([samples.t_boot_us for samples, _ in sides])[arrival]
         self._watch_streams(t_us)
 
@@ -245,18 +253,18 @@ class StreamCheck(Check):
             self._heard_us = int(latest[-1])
             self._watch(t_us, np.diff(latest) * 1e-6, np.ones(len(t_us), np.bool_))
 
-    def silent(self, turns: list[Turn]) -> Iterator[Ratings]:
+    def silent(self, turns: list[StreamChange]) -> Iterator[RatedSamples]:
         """Rate silences that were found on receive time, while no timed message came."""
         for k, name in enumerate(_STREAMS):
             found = _silences(turns, k)
             if found:
-                yield Ratings(f"{name} silent", _at_deadlines(found, self._at_once))
+                yield RatedSamples(f"{name} silent", _at_deadlines(found, self._at_once))
 
-    def _least_periods(self, flight: Flight) -> Floats:
+    def _least_periods(self, batch: CheckBatch) -> Floats:
         """How many periods of silence mean something, by the share of the vehicle's frames that was lost of late."""
         lost, received = (
             np.concatenate((before, now))
-            for before, now in zip(self._frames, (flight.lost, flight.received), strict=True)
+            for before, now in zip(self._frames, (batch.lost, batch.received), strict=True)
         )
         row = np.arange(len(self._frames[0]), len(lost))
         since = np.maximum(row - _LOSS_MESSAGES, 0)

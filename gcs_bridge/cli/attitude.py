@@ -87,10 +87,10 @@ def attitude(
     rates = None if rates_deg is None else _three("--rates-deg", rates_deg)
     force = None if accelerometer is None else _three("--accelerometer", accelerometer)
 
-    from gcs_bridge.report.attitude_given import given  # the heavy part, after most of what may be refused
-    from gcs_bridge.report.attitude_page import attitude_page
-    from gcs_bridge.report.attitude_text import lines
-    from gcs_bridge.report.output import write_stdout
+    from gcs_bridge.calculator.page import attitude_page
+    from gcs_bridge.calculator.parse import given  # the heavy part, after most of what may be refused
+    from gcs_bridge.calculator.text import lines
+    from gcs_bridge.files import write_stdout
 
     sequence = forms[_name(option)] if option.startswith("--euler") else None
     page = attitude_page(

@@ -64,8 +64,8 @@ def check(
     3 a source that cannot be used, 4 no attitude could be compared.
     """
     from gcs_bridge.evidence.place import Place
+    from gcs_bridge.files import refuse_unwritable, write_file, write_stdout
     from gcs_bridge.report import Report, worst_exit_code
-    from gcs_bridge.report.output import refuse_unwritable, write_file, write_stdout
     from gcs_bridge.settings import load_settings
 
     refuse_times(from_s, to_s)
@@ -76,7 +76,7 @@ def check(
     place = None if evidence is None else Place(evidence, recordings)
 
     gc.disable()  # what is imported stays: looking for garbage in it again and again takes a tenth of the start
-    from gcs_bridge.recording import check_file  # the heavy part, after everything that may be refused
+    from gcs_bridge.recordings.check import check_file  # the heavy part, after everything that may be refused
 
     gc.freeze()
     gc.enable()
@@ -90,7 +90,7 @@ def check(
 
         folder = place.folder(recording)
         with Evidence(recording, folder, dialect) as gathered:
-            entry = check_file(recording, settings, **selected, progress=progress, witness=gathered)
+            entry = check_file(recording, settings, **selected, progress=progress, observer=gathered)
             count = gathered.complete(entry)
         if not quiet:
             complain(_evidence(recording, folder, count, gathered.left_out), kind="note")

@@ -14,7 +14,7 @@ from gcs_bridge.cli.terminal import complain
 from gcs_bridge.events import Event
 
 if TYPE_CHECKING:  # loaded when there is something to play
-    from gcs_bridge.mavlink.scan import RawFrame
+    from gcs_bridge.mavlink.scanner import RawFrame
 
 __all__ = ["demo"]
 
@@ -36,10 +36,10 @@ def demo(duration_s: float, speed: float, **options: Any) -> int:
     refuse_not_positive("--speed", speed)
     run = LiveRun(LiveOptions(**options))
 
+    from gcs_bridge.links.open import open_link
+    from gcs_bridge.links.player import Player
+    from gcs_bridge.links.uri import NetworkUri
     from gcs_bridge.resources import demo_recording
-    from gcs_bridge.sources.open import open_link
-    from gcs_bridge.sources.player import Player
-    from gcs_bridge.sources.uri import NetworkUri
 
     recording = demo_recording()
     frames, half_s = _flight(recording, duration_s * speed)
@@ -62,15 +62,16 @@ def demo(duration_s: float, speed: float, **options: Any) -> int:
         beside=lambda: Player(frames, uri.port, speed=speed),
         also_tell=note_alarm,
     )
-    run.say(_what_was_seen(raised, _shown(recording)))
+    run.print_result(_what_was_seen(raised, _shown(recording)))
     return code
 
 
 def _flight(recording: Path, seconds: float) -> tuple[list[RawFrame], float]:
     """So much of the flight around its liveliest time, with the fault in its second half; and when that begins."""
-    from gcs_bridge.inject import inject, parse_fault
     from gcs_bridge.mavlink.dialect import load_dialect
-    from gcs_bridge.mavlink.scan import Scanner
+    from gcs_bridge.mavlink.scanner import Scanner
+    from gcs_bridge.recordings.faults import parse_fault
+    from gcs_bridge.recordings.inject import inject
 
     def frames_of(data: bytes) -> list[RawFrame]:
         scanner = Scanner(load_dialect(), timed=True)

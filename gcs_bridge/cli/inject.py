@@ -18,7 +18,7 @@ __all__ = ["inject"]
 def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     """Print the table of faults and end."""
     if wanted:
-        from gcs_bridge.report.output import write_stdout
+        from gcs_bridge.files import write_stdout
 
         write_stdout("".join(f"{line}\n" for line in _table()))
         context.exit()
@@ -62,9 +62,11 @@ def inject(
     Exit codes: 0 good, 2 usage: an unknown fault, a value out of range, an output that cannot be written,
     3 a source that cannot be used, 4 the stream to falsify is not in it. Unless 0, nothing is written.
     """
-    from gcs_bridge.inject import inject_file, parse_fault, scope_text
-    from gcs_bridge.recording import open_recording
-    from gcs_bridge.report.output import write_stdout
+    from gcs_bridge.files import write_stdout
+    from gcs_bridge.recordings.edits import scope_text
+    from gcs_bridge.recordings.faults import parse_fault
+    from gcs_bridge.recordings.inject import inject_file
+    from gcs_bridge.recordings.source import open_recording
 
     wanted = [parse_fault(fault) for fault in faults]
     target = output or Path(f"{path.stem}.{'+'.join(re.sub(r'[:=,]', '_', fault) for fault in faults)}.tlog")
@@ -80,8 +82,8 @@ def inject(
 
 def _table() -> Iterator[str]:
     """Every fault with what its value may be and where it comes from."""
-    from gcs_bridge.causes import CAUSES
-    from gcs_bridge.inject import LINK_FAULTS
+    from gcs_bridge.diagnosis.causes import CAUSES
+    from gcs_bridge.recordings.link_faults import LINK_FAULTS
 
     messages = {30: "ATTITUDE", 31: "ATTITUDE_QUATERNION"}
     rows = [

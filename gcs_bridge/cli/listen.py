@@ -11,8 +11,8 @@ from gcs_bridge.cli.live_run import LiveOptions, LiveRun, live_options, refuse_n
 from gcs_bridge.errors import UsageError
 
 if TYPE_CHECKING:  # loaded when there is a link to open
-    from gcs_bridge.sources.link import Link
-    from gcs_bridge.sources.uri import Uri
+    from gcs_bridge.links.link import Link
+    from gcs_bridge.links.uri import Uri
 
 __all__ = ["listen"]
 
@@ -32,7 +32,7 @@ def listen(uris: tuple[str, ...], baud: int, duration_s: float | None, **options
     Exit codes: 0 ended as asked, whatever was raised, 2 usage or configuration,
     3 a link that cannot be opened, or every link has ended.
     """
-    from gcs_bridge.sources.uri import parse_uri
+    from gcs_bridge.links.uri import parse_uri
 
     refuse_not_positive("--duration", duration_s)
     parsed = [parse_uri(uri, baud=baud) for uri in uris]
@@ -42,7 +42,7 @@ def listen(uris: tuple[str, ...], baud: int, duration_s: float | None, **options
 
     def opener(uri: Uri) -> Callable[[], Link]:
         def opened() -> Link:
-            from gcs_bridge.sources.open import open_link
+            from gcs_bridge.links.open import open_link
 
             return open_link(uri, dialect=options["dialect"])
 

@@ -16,11 +16,11 @@ from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event
 
 if TYPE_CHECKING:  # loaded when there is something to run
-    from gcs_bridge.live import Stop
+    from gcs_bridge.links.link import Link
+    from gcs_bridge.links.loop import Stop
     from gcs_bridge.report import Report
     from gcs_bridge.settings import Settings
     from gcs_bridge.sinks.file import LiveFile
-    from gcs_bridge.sources.link import Link
     from gcs_bridge.viewer import ViewerSpec
 
 __all__ = ["LiveOptions", "LiveRun", "live_options", "refuse_not_positive"]
@@ -82,7 +82,7 @@ class LiveRun:
 
     def __init__(self, options: LiveOptions) -> None:
         """Check everything that can be checked without opening anything; UsageError says what is wrong."""
-        from gcs_bridge.report.output import refuse_unwritable
+        from gcs_bridge.files import refuse_unwritable
         from gcs_bridge.settings import load_settings
 
         self._options = options
@@ -118,7 +118,7 @@ class LiveRun:
         `beside` is entered for the time of listening; `also_tell` gets every event. A link that cannot be opened is a
         SourceError.
         """
-        from gcs_bridge.live import Stop
+        from gcs_bridge.links.loop import Stop
 
         with Stop() as stop, ExitStack() as stack:
             try:
@@ -136,9 +136,9 @@ class LiveRun:
         beside: Callable[[], AbstractContextManager[Any]],
         also_tell: Callable[[Event], None],
     ) -> int:
-        from gcs_bridge.live import listen
-        from gcs_bridge.monitor import Monitor
-        from gcs_bridge.sinks.events import event_json
+        from gcs_bridge.judging.monitor import Monitor
+        from gcs_bridge.links.loop import listen
+        from gcs_bridge.sinks.event_lines import event_json
         from gcs_bridge.sinks.tlog import TlogRecorder
 
         options = self._options
@@ -176,7 +176,7 @@ class LiveRun:
                 links, monitor, tell, stop=lambda: stop.asked, duration_s=duration_s, watched=sink is not None
             )
         report = _named(monitor.close(), [link.name for link in links])
-        self.say(report.to_text(detail=0 if options.verbose else -1))
+        self.print_result(report.to_text(detail=0 if options.verbose else -1))
         if not any(entry["bytes"] for entry in report.files):
             _note("nothing was received: does anything send here? gcs-bridge listens only, and never asks")
         if not links_left:
@@ -184,13 +184,13 @@ class LiveRun:
             return 3
         return 2 if any(file.failed for file in self._files) else 0
 
-    def say(self, text: str) -> None:
+    def print_result(self, text: str) -> None:
         """Print a part of the result: on standard output, unless that carries JSON lines."""
         click.echo(text, nl=False, err=self._options.events == STDOUT)
 
     def _show(self, event: Event, *, tell_link: bool) -> None:
-        from gcs_bridge.report.output import write_stdout
-        from gcs_bridge.sinks.events import event_json, event_line, is_alarm, is_detail
+        from gcs_bridge.files import write_stdout
+        from gcs_bridge.sinks.event_lines import event_json, event_line, is_alarm, is_detail
 
         if self._options.events == STDOUT:
             write_stdout(event_json(event).decode())
@@ -210,11 +210,11 @@ class LiveRun:
 def _warm_up(settings: Settings, dialect: str) -> None:
     """Judge some of the bundled recording and forget it, so that nothing is loaded or compiled once data come."""
     from gcs_bridge import resources
-    from gcs_bridge.align import match_kernel
+    from gcs_bridge.jit import needs_compiling
+    from gcs_bridge.judging.monitor import Monitor
     from gcs_bridge.mavlink.decode import gather
-    from gcs_bridge.mavlink.jit import needs_compiling
     from gcs_bridge.mavlink.scan import scan_kernel
-    from gcs_bridge.monitor import Monitor
+    from gcs_bridge.pairing.kernel import match_kernel
 
     if needs_compiling(scan_kernel, gather, match_kernel):
         _note("compiling its kernels, once on this machine (some seconds)")

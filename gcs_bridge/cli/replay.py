@@ -17,7 +17,7 @@ from gcs_bridge.cli.terminal import ProgressBar, complain
 from gcs_bridge.errors import SourceError, UsageError
 
 if TYPE_CHECKING:  # loaded when there is something to show
-    from gcs_bridge.monitor import Monitor
+    from gcs_bridge.judging.monitor import Monitor
     from gcs_bridge.viewer import Viewer
 
 __all__ = ["replay"]
@@ -60,8 +60,8 @@ def replay(
     Exit codes: 0 shown, whatever was raised, 2 usage or configuration, 3 a source that cannot be used,
     4 no vehicle in it sent its attitude.
     """
-    from gcs_bridge.live import Stop
-    from gcs_bridge.monitor import open_dialect
+    from gcs_bridge.judging.monitor import open_dialect
+    from gcs_bridge.links.loop import Stop
     from gcs_bridge.report import worst_exit_code
     from gcs_bridge.settings import load_settings
     from gcs_bridge.viewer import ViewerSpec, open_viewer
@@ -98,8 +98,9 @@ def _show(
     quiet: bool,
 ) -> int:
     """Show one recording; the exit code that it alone would give."""
-    from gcs_bridge.monitor import Monitor
-    from gcs_bridge.recording import closing_entry, open_recording
+    from gcs_bridge.judging.monitor import Monitor
+    from gcs_bridge.recordings.check import closing_entry
+    from gcs_bridge.recordings.source import open_recording
     from gcs_bridge.report import Report
 
     try:

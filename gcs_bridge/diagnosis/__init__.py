@@ -13,14 +13,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gcs_bridge.causes import CAUSES, Value
-from gcs_bridge.diagnosis import words
-from gcs_bridge.diagnosis.alone import at_fault, frozen, norms
-from gcs_bridge.diagnosis.decide import SHARP, Case, Tried, Verdict
+from gcs_bridge.diagnosis import wording as words
+from gcs_bridge.diagnosis.causes import CAUSES, Value
 from gcs_bridge.diagnosis.hypotheses import NO_MISTAKE, Hypothesis, Mistakes
-from gcs_bridge.diagnosis.pairs import Window, pair, plain_attitude
-from gcs_bridge.samples import AttitudeSamples
+from gcs_bridge.diagnosis.ranking import SHARP, HypothesisSearch, RatedHypothesis, Verdict
+from gcs_bridge.diagnosis.single_stream import at_fault, frozen, norms
+from gcs_bridge.diagnosis.window import Window, pair, plain_attitude
 from gcs_bridge.settings import AlignmentSettings
+from gcs_bridge.telemetry.samples import AttitudeSamples
 
 __all__ = ["Diagnosis", "Window", "diagnose", "diagnose_norm", "plain_attitude"]
 
@@ -112,7 +112,7 @@ def _diagnosed(window: Window, alignment: AlignmentSettings) -> Diagnosis | None
     if stopped is not None:
         name, moved = stopped
         return _named(Hypothesis(((name, ()),)), "certain" if moved else "probable", side=CAUSES[name].message)
-    case = Case(pairing, alignment, clean=window.clean_before)
+    case = HypothesisSearch(pairing, alignment, clean=window.clean_before)
     if case.agrees():
         if off_norm:
             return _named(Hypothesis(off_norm), "certain", side=31, residual_rad=case.median_rad)
@@ -125,7 +125,7 @@ def _diagnosed(window: Window, alignment: AlignmentSettings) -> Diagnosis | None
     return _unknown(case, verdict.next_best())
 
 
-def _explained(case: Case, verdict: Verdict, off_norm: Mistakes) -> Diagnosis:
+def _explained(case: HypothesisSearch, verdict: Verdict, off_norm: Mistakes) -> Diagnosis:
     """What explains; more than one where the motion cannot tell."""
     found = verdict.found
     best = min(found, key=lambda tried: tried.score)
@@ -148,11 +148,11 @@ def _explained(case: Case, verdict: Verdict, off_norm: Mistakes) -> Diagnosis:
     )
 
 
-def _left(tried: Tried | None) -> float | None:
+def _left(tried: RatedHypothesis | None) -> float | None:
     return None if tried is None else tried.median_rad
 
 
-def _is_certain(case: Case, hypothesis: Hypothesis) -> bool:
+def _is_certain(case: HypothesisSearch, hypothesis: Hypothesis) -> bool:
     """A constant or a lag needs some time and a change of rate, else anything may look like it."""
     if not hypothesis.numbers:
         return True
@@ -161,7 +161,7 @@ def _is_certain(case: Case, hypothesis: Hypothesis) -> bool:
     return bool(t_s[-1] - t_s[0] >= _LEAST_S and (spread > _RATE_CHANGES_RAD_S).sum() >= _LEAST_TURNING)
 
 
-def _unknown(case: Case, nearest: Tried | None) -> Diagnosis:
+def _unknown(case: HypothesisSearch, nearest: RatedHypothesis | None) -> Diagnosis:
     shape, fix = words.shape(case.pairing, case.as_sent), "Too little data yet to tell."
     if case.enough and nearest is not None:
         fix = (

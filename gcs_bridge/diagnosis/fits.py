@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from gcs_bridge import attitude
+from gcs_bridge.columns import Floats, Mask
 from gcs_bridge.diagnosis.hypotheses import TRIMS, Hypothesis
-from gcs_bridge.diagnosis.pairs import QUATERNION, Comparison, Pairing, set_back
+from gcs_bridge.diagnosis.window import QUATERNION, Comparison, Pairing, set_back
 from gcs_bridge.settings import AlignmentSettings
-
-Floats = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 MAX_SKEW_S = 0.6
 _SKEW_STEP_S = 0.02
@@ -32,7 +29,7 @@ def scale_rad(bound_rad: Floats) -> Floats:
 # --- constant turns --------------------------------------------------------------------------------------------------
 
 
-class Turn(NamedTuple):
+class ConstantRotation(NamedTuple):
     """A kind of constant turn: the mistake's name, of body or world axes, about any of them (0) or x, y, z (1…3)."""
 
     name: str
@@ -40,13 +37,13 @@ class Turn(NamedTuple):
     about: int
 
 
-YAW = Turn("yaw_offset", of_body=False, about=3)
-MOUNT_ABOUT_ONE = tuple(Turn("mount_offset", of_body=True, about=axis) for axis in (1, 2, 3))
-MOUNT = Turn("mount_offset", of_body=True, about=0)
-WORLD = Turn("world_offset", of_body=False, about=0)
+YAW = ConstantRotation("yaw_offset", of_body=False, about=3)
+MOUNT_ABOUT_ONE = tuple(ConstantRotation("mount_offset", of_body=True, about=axis) for axis in (1, 2, 3))
+MOUNT = ConstantRotation("mount_offset", of_body=True, about=0)
+WORLD = ConstantRotation("world_offset", of_body=False, about=0)
 
 
-def turned(pairing: Pairing, bases: Sequence[Hypothesis], turns: Sequence[Turn]) -> list[Hypothesis]:
+def turned(pairing: Pairing, bases: Sequence[Hypothesis], turns: Sequence[ConstantRotation]) -> list[Hypothesis]:
     """Each base with each turn that explains its rest best, one base after the other."""
     found = pairing.compare(bases)
     of_body, of_world = _deltas(found)

@@ -18,10 +18,10 @@ from gcs_bridge.attitude import (
     quaternion_from_rpy,
     rpy_from_quaternion,
 )
-from gcs_bridge.causes import CAUSES, Cause, Parameter, Value
+from gcs_bridge.columns import Floats
+from gcs_bridge.diagnosis.causes import CAUSES, Cause, Parameter, Value
 from gcs_bridge.expected.correction import Correction
 
-Floats = npt.NDArray[np.float64]
 Mistakes = tuple[tuple[str, Value], ...]
 Side = Literal["rpy", "quaternion", "time"]
 
@@ -143,7 +143,7 @@ class Hypothesis:
                 samples = row.undo(samples, value)
         return samples
 
-    def made(self, samples: Floats, side: Side) -> Floats:
+    def apply(self, samples: Floats, side: Side) -> Floats:
         """The way back: what should be sent → what is sent."""
         for row, (_, value) in zip(reversed(self.rows), reversed(self.mistakes), strict=True):
             if row.acts_on == side:
@@ -203,7 +203,7 @@ _ATTITUDES_RPY = np.array([(0.37 * i, 0.61 * np.sin(1.7 * i), 0.83 * i * i % 3.0
 
 def _agreeing(hypothesis: Hypothesis) -> Floats:
     """The quaternions (n, 4) that agree with some fixed angles under a hypothesis."""
-    return hypothesis.made(quaternion_of_rpy(hypothesis.undone(_ATTITUDES_RPY, "rpy")), "quaternion")
+    return hypothesis.apply(quaternion_of_rpy(hypothesis.undone(_ATTITUDES_RPY, "rpy")), "quaternion")
 
 
 def _signature(hypothesis: Hypothesis) -> bytes:

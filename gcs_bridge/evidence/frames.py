@@ -12,17 +12,18 @@ import pyarrow as pa
 
 from gcs_bridge.evidence.tables import utc
 from gcs_bridge.mavlink.dialect import Dialect
-from gcs_bridge.mavlink.scan import FRAME, Frames, Scanner
-from gcs_bridge.recording import Source
+from gcs_bridge.mavlink.scan import FRAME, Frames
+from gcs_bridge.mavlink.scanner import Scanner
+from gcs_bridge.recordings.source import Source
 
 __all__ = ["frames_of"]
 
 
 class _Part(NamedTuple):
-    """Frames of one piece: n, their ordinals, and their bytes."""
+    """Frames of one piece: n, their indices, and their bytes."""
 
     frames: Frames
-    ordinal: npt.NDArray[np.int64]
+    frame_index: npt.NDArray[np.int64]
     data: list[bytes]
 
 
@@ -30,9 +31,10 @@ _NOTHING = _Part(np.empty(0, FRAME), np.empty(0, np.int64), [])
 
 
 def frames_of(source: Source, ranges: Sequence[tuple[int, int]], dialect: Dialect) -> Iterator[tuple[int, pa.Table]]:
-    """The index of each range of ordinals (first, end), and its frames; a range is given out when it has been read.
+    """The index of each range of frames (first, end), and its frames; a range is given out when it has been read.
 
-    Frames of unknown ids are no vehicle's and have no ordinal; they are given where they lie, before the next that has.
+    Frames of unknown ids are no vehicle's and have no index; they are given where they lie, before the next that
+    has.
     """
     scanner = Scanner(dialect, timed=source.timed)
     waiting: dict[int, list[_Part]] = {index: [] for index in range(len(ranges))}
@@ -41,14 +43,14 @@ def frames_of(source: Source, ranges: Sequence[tuple[int, int]], dialect: Dialec
         scanner.scan(piece or b"", final=piece is None)
         frames, raw = scanner.all_frames, None
         verified = frames["verified"] == 1
-        ordinal = count + np.cumsum(verified) - verified
+        frame_index = count + np.cumsum(verified) - verified
         count += int(verified.sum())
         for index, parts in list(waiting.items()):
             first, end = ranges[index]
-            rows = np.flatnonzero((ordinal >= first) & (ordinal < end))
+            rows = np.flatnonzero((frame_index >= first) & (frame_index < end))
             if len(rows):
                 raw = raw or scanner.raw_frames()
-                parts.append(_Part(frames[rows], ordinal[rows], [raw[row].data for row in rows.tolist()]))
+                parts.append(_Part(frames[rows], frame_index[rows], [raw[row].data for row in rows.tolist()]))
             if count >= end or piece is None:
                 yield index, pa.concat_tables([_table(part, dialect) for part in waiting.pop(index) or [_NOTHING]])
 
@@ -57,7 +59,7 @@ def _table(part: _Part, dialect: Dialect) -> pa.Table:
     frames = part.frames
     return pa.table(
         {
-            "frame": pa.array(part.ordinal, pa.int64(), mask=frames["verified"] == 0),
+            "frame": pa.array(part.frame_index, pa.int64(), mask=frames["verified"] == 0),
             "offset": pa.array(frames["offset"], pa.int64()),
             "t_rx_utc": utc(frames["t_rx_us"]),
             "message": pa.array([dialect.name_of(msgid) for msgid in frames["msgid"].tolist()], pa.string()),

@@ -19,10 +19,10 @@ from gcs_bridge.evidence.frames import frames_of
 from gcs_bridge.evidence.place import Folder
 from gcs_bridge.evidence.summary import summary
 from gcs_bridge.evidence.tables import tables_of
-from gcs_bridge.judge import Observation
-from gcs_bridge.moments import Moment, Moments
-from gcs_bridge.monitor import open_dialect
-from gcs_bridge.recording import open_recording
+from gcs_bridge.judging.alarm_windows import AlarmWindow, AlarmWindows
+from gcs_bridge.judging.monitor import open_dialect
+from gcs_bridge.judging.observation import Observation
+from gcs_bridge.recordings.source import open_recording
 from gcs_bridge.report import Report
 from gcs_bridge.viewer.moment import save_moment
 
@@ -36,7 +36,7 @@ class _Written:
     path: Path
     vehicle: tuple[int, int]
     alarm_id: str
-    frames: tuple[int, int]  # ordinals: the first, and the first one behind
+    frames: tuple[int, int]  # indices: the first, and the first one behind
     events: tuple[Event, ...]
     rows: dict[str, int]
 
@@ -52,7 +52,7 @@ class Evidence:
         self._recording = recording
         self._folder = folder
         self._dialect = dialect
-        self._moments = Moments()
+        self._moments = AlarmWindows()
         self._written: list[_Written] = []
 
     def __enter__(self) -> Evidence:
@@ -90,7 +90,7 @@ class Evidence:
             self._folder.complete(msgspec.json.format(msgspec.json.encode(said)))
         return len(self._written)
 
-    def _write(self, moments: list[Moment]) -> None:
+    def _write(self, moments: list[AlarmWindow]) -> None:
         for moment in moments:
             with _writing(self._folder.path):
                 path = self._folder.new(moment.alarm["id"])

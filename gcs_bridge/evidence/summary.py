@@ -7,8 +7,8 @@ from typing import Any
 
 from gcs_bridge.errors import one_line
 from gcs_bridge.events import Event
-from gcs_bridge.report.alarm_words import difference, quantity
-from gcs_bridge.report.contract import LABELS
+from gcs_bridge.report.verdicts import LABELS
+from gcs_bridge.report.wording import difference, quantity
 
 __all__ = ["summary"]
 

@@ -9,25 +9,23 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
 from gcs_bridge import attitude
-from gcs_bridge.judge import Observation
-from gcs_bridge.moments import Moment, Said
-from gcs_bridge.samples import AttitudeSamples
-from gcs_bridge.told import LandedSet, ModeSet, ParameterSet, TextSaid
+from gcs_bridge.columns import Floats, Int64s
+from gcs_bridge.judging.alarm_windows import AlarmWindow, Said
+from gcs_bridge.judging.observation import Observation
+from gcs_bridge.telemetry.samples import AttitudeSamples
+from gcs_bridge.telemetry.statements import LandedSet, ModeSet, ParameterSet, TextSaid
 
 __all__ = ["tables_of", "utc"]
 
-Floats = npt.NDArray[np.float64]
-Int64s = npt.NDArray[np.int64]
 Columns = dict[str, pa.Array]
 
 _WXYZ, _XYZ = ("w", "x", "y", "z"), ("x", "y", "z")
 
 
-def tables_of(moment: Moment) -> dict[str, pa.Table]:
+def tables_of(moment: AlarmWindow) -> dict[str, pa.Table]:
     """The tables by name; what never came has none."""
     made = {
         name: [pa.table(columns) for one in moment.observations if (columns := make(one))]
@@ -46,32 +44,32 @@ def utc(t_us: Int64s) -> pa.Array:
 def _attitude(one: Observation) -> Columns:
     """ATTITUDE as sent, and the attitude that it means once the expected differences are undone."""
     flight = one.flight
-    sent = _attitude_columns(one.segment.euler, flight.euler_ordinal)
+    sent = _attitude_columns(one.segment.euler, flight.euler_frame_index)
     return sent | _spread("q_nb_undone", _WXYZ, flight.euler.q_nb, as_sent=True)
 
 
 def _attitude_quaternion(one: Observation) -> Columns:
     """ATTITUDE_QUATERNION as sent, never normalised, and its angles."""
-    return _attitude_columns(one.segment.quaternion, one.flight.quaternion_ordinal)
+    return _attitude_columns(one.segment.quaternion, one.flight.quaternion_frame_index)
 
 
 def _ahrs2(one: Observation) -> Columns:
     """The second estimate, stamped midway between the messages around it."""
     second = one.flight.secondary
-    columns = _attitude_columns(second.samples, second.ordinal)
+    columns = _attitude_columns(second.samples, second.frame_index)
     return {name: columns[name] for name in columns if not name.startswith("w_")} | {
         "t_boot_gap_s": pa.array(second.gap_us / 1e6)
     }
 
 
-def _attitude_columns(samples: AttitudeSamples, ordinal: Int64s) -> Columns:
+def _attitude_columns(samples: AttitudeSamples, frame_index: Int64s) -> Columns:
     rpy_rad = samples.rpy_rad
     if rpy_rad is None:
         rpy_rad = attitude.rpy_from_quaternion(samples.q_nb)
     return {
         "t_boot_s": _seconds(samples.t_boot_us),
         "t_rx_utc": utc(samples.t_rx_us),
-        "frame": pa.array(ordinal),
+        "frame": pa.array(frame_index),
         "valid": pa.array(samples.valid),
         **dict(zip(("roll_rad", "pitch_rad", "yaw_rad"), map(pa.array, rpy_rad.T), strict=True)),
         **_spread("q_nb", _WXYZ, samples.q_nb, as_sent=True),
@@ -85,7 +83,7 @@ def _pairs(one: Observation) -> Columns:
     raw_rad = attitude.angle_between(pairs.q_euler_sent, pairs.q_quaternion)
     return {
         "t_boot_s": _seconds(pairs.t_boot_us),
-        "frame": pa.array(one.flight.pair_ordinal),
+        "frame": pa.array(one.flight.pair_frame_index),
         "same_instant": pa.array(pairs.same_instant),
         "judged": pa.array(found.judged),
         "counted": pa.array(found.counted),
@@ -114,7 +112,7 @@ def _imu(one: Observation) -> Columns:
     return {
         "t_boot_s": _seconds(samples.t_boot_us),
         "t_rx_utc": utc(samples.t_rx_us),
-        "frame": pa.array(imu.ordinal),
+        "frame": pa.array(imu.frame_index),
         "message": pa.array([samples.source] * len(samples), pa.string()),
         "t_sensor_s": _seconds(samples.t_us),
         **_spread("f_b_m_s2", _XYZ, samples.f_b_m_s2),
@@ -133,21 +131,21 @@ _SAMPLED: dict[str, Callable[[Observation], Columns]] = {
 }
 
 
-def _parameters(moment: Moment) -> pa.Table:
+def _parameters(moment: AlarmWindow) -> pa.Table:
     """Parameters: those in force when the moment began, then those told in it."""
     told = [(said, said.say) for said in moment.said if isinstance(said.say, ParameterSet)]
-    in_force = {say.name: say.ordinal for _, say in told if say.ordinal < moment.at}
+    in_force = {say.name: say.frame_index for _, say in told if say.frame_index < moment.at}
     return pa.table(
         {
             **_when([said for said, _ in told]),
             "name": pa.array([say.name for _, say in told], pa.string()),
             "value": pa.array([say.value for _, say in told], pa.float64()),
-            "in_force": pa.array([in_force.get(say.name) == say.ordinal for _, say in told], pa.bool_()),
+            "in_force": pa.array([in_force.get(say.name) == say.frame_index for _, say in told], pa.bool_()),
         }
     )
 
 
-def _said(moment: Moment) -> pa.Table:
+def _said(moment: AlarmWindow) -> pa.Table:
     """Texts, modes and the estimator's flags: the last ones before the moment, then those in it."""
     told = [said for said in moment.said if not isinstance(said.say, ParameterSet)]
     words = [_words(said) for said in told]
@@ -182,7 +180,7 @@ def _when(told: list[Said]) -> Columns:
     return {
         "t_boot_s": pa.array(t_boot_s, pa.float64()),
         "boot": pa.array([said.boot for said in told], pa.int64()),
-        "frame": pa.array([said.say.ordinal for said in told], pa.int64()),
+        "frame": pa.array([said.say.frame_index for said in told], pa.int64()),
     }
 
 

@@ -25,7 +25,7 @@ PX4 tailsitters' `repr_offset_q` is for displays and has no place here. This pac
 limits of alarms. A sample's correction rests on what came before it, in order of arrival, however the input was cut.
 """
 
-from .correction import AHRS_TRIM, CAUSE_NAMES, PITCH_TRIM, VTOL_VIEW
-from .vehicle import Corrected, Expected
+from gcs_bridge.expected.correction import AHRS_TRIM, CAUSE_NAMES, PITCH_TRIM, VTOL_VIEW
+from gcs_bridge.expected.vehicle import Corrected, Expected
 
 __all__ = ["AHRS_TRIM", "CAUSE_NAMES", "PITCH_TRIM", "VTOL_VIEW", "Corrected", "Expected"]

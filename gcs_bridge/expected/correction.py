@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from gcs_bridge import attitude
-
-Floats = npt.NDArray[np.float64]
+from gcs_bridge.columns import Floats
 
 PITCH_TRIM, AHRS_TRIM, VTOL_VIEW = 1, 2, 4  # bits: the causes
 CAUSE_NAMES = {PITCH_TRIM: "pitch_trim", AHRS_TRIM: "ahrs_trim", VTOL_VIEW: "vtol_view"}

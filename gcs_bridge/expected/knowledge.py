@@ -5,14 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from gcs_bridge.columns import Floats, Mask
 from gcs_bridge.expected.correction import AHRS_TRIM, NOTHING, PITCH_TRIM, VTOL_VIEW, Correction
 from gcs_bridge.expected.pairs import VIEW_NOISE_RAD
-from gcs_bridge.told import ModeSet, ParameterSet
-
-Floats = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 
 FORWARD, HOVER = 0, 1  # the views
 
@@ -24,7 +21,7 @@ _KEEP_TRIM = 1 << 8  # FLIGHT_OPTIONS: the pitch trim is not subtracted
 _FRAME_TAILSITTER = 10  # Q_FRAME_CLASS
 
 
-class Knowledge:
+class FirmwareConfig:
     """What is known of the vehicle: it predicts, and says what may be fitted."""
 
     _RELEVANT = frozenset(

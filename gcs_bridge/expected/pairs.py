@@ -14,12 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
+from gcs_bridge.columns import Floats, Int64s, Mask
 from gcs_bridge.expected.correction import Correction
-from gcs_bridge.samples import AttitudeSamples
-
-Floats = npt.NDArray[np.float64]
-Int64s = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+from gcs_bridge.telemetry.samples import AttitudeSamples
 
 NOISE_RAD = math.radians(1e-4)
 VIEW_NOISE_RAD = math.radians(0.05)  # hovering, AHRS_TRIM turns view and quaternion by two formulas: 0.035° at 2°
@@ -42,7 +39,7 @@ class Rows:
     def __len__(self) -> int:
         return len(self.t_us)
 
-    ordinal: Int64s  # of the frame
+    frame_index: Int64s  # of the frame
     t_us: Int64s  # since boot
 
     def part(self, rows: Any) -> Self:
@@ -73,8 +70,8 @@ class QuaternionRows(Rows):
 
 
 @dataclass(frozen=True)
-class Pairs(Rows):
-    """Clean pairs of one instant, in the order in which they were completed, by the frame `ordinal`."""
+class CleanPairs(Rows):
+    """Clean pairs of one instant, in the order in which they were completed, by the frame `frame_index`."""
 
     rpy_rad: Floats  # (n, 3) as sent
     q_nb: Floats  # (n, 4) as sent
@@ -93,7 +90,7 @@ class Pairs(Rows):
 _INTS, _MASK = np.empty(0, np.int64), np.empty(0, np.bool_)
 NO_EULER = EulerRows(_INTS, _INTS, np.empty((0, 3)), np.empty(0, np.int8), _MASK)
 NO_QUATERNION = QuaternionRows(_INTS, _INTS, np.empty((0, 4)), np.empty((0, 3)))
-NO_PAIRS = Pairs(_INTS, _INTS, np.empty((0, 3)), np.empty((0, 4)), _MASK)
+NO_CLEAN_PAIRS = CleanPairs(_INTS, _INTS, np.empty((0, 3)), np.empty((0, 4)), _MASK)
 
 
 def in_order(samples: AttitudeSamples, before: Rows) -> Mask:
@@ -103,21 +100,21 @@ def in_order(samples: AttitudeSamples, before: Rows) -> Mask:
     return t_us > np.maximum.accumulate(np.concatenate(([latest], t_us)))[:-1]
 
 
-def match(euler: EulerRows, quaternion: QuaternionRows, after: int) -> tuple[Pairs, npt.NDArray[np.int8]]:
+def match(euler: EulerRows, quaternion: QuaternionRows, after: int) -> tuple[CleanPairs, npt.NDArray[np.int8]]:
     """The clean pairs of one instant that were completed after the frame `after`, and the view of each."""
     if not len(euler) or not len(quaternion):
-        return NO_PAIRS, NO_EULER.view
+        return NO_CLEAN_PAIRS, NO_EULER.view
     at = np.minimum(np.searchsorted(quaternion.t_us, euler.t_us), len(quaternion) - 1)
     i = np.flatnonzero(quaternion.t_us[at] == euler.t_us)
     j = at[i]
-    completed = np.maximum(euler.ordinal[i], quaternion.ordinal[j])
+    completed = np.maximum(euler.frame_index[i], quaternion.frame_index[j])
     clean = (completed > after) & (np.abs(euler.rpy_rad[i, 1]) <= _STEEP_RAD)
     for rows, of in ((i, euler), (j, quaternion)):
-        clean &= np.searchsorted(of.ordinal, completed, side="right") - rows <= TAIL
+        clean &= np.searchsorted(of.frame_index, completed, side="right") - rows <= TAIL
     order = np.argsort(completed[clean], kind="stable")
     i, j = i[clean][order], j[clean][order]
     t_us, rpy_rad, q_nb = euler.t_us[i], euler.rpy_rad[i], quaternion.q_nb[j]
-    return Pairs(completed[clean][order], t_us, rpy_rad, q_nb, euler.free[i]), euler.view[i]
+    return CleanPairs(completed[clean][order], t_us, rpy_rad, q_nb, euler.free[i]), euler.view[i]
 
 
 def run_lengths(mask: Mask, before: int) -> Int64s:
@@ -142,7 +139,7 @@ def turn_about(rotvec: Floats, axis: Floats, noise_rad: float) -> tuple[Floats, 
     return turn, in_a_row(whole) & same
 
 
-def pitch_axis(pairs: Pairs, base: Correction) -> Floats:
+def pitch_axis(pairs: CleanPairs, base: Correction) -> Floats:
     """The body axes (n, 3) about which a pitch trim turns the attitude, if `base` is undone already."""
     roll = pairs.rpy_rad[:, 0] + base.trim_x_rad
     level_right = np.column_stack((np.zeros(len(roll)), np.cos(roll), -np.sin(roll)))
@@ -151,17 +148,17 @@ def pitch_axis(pairs: Pairs, base: Correction) -> Floats:
     return attitude.rotate(attitude.quaternion_from_rotvec((base.trim_x_rad, base.trim_y_rad, 0.0)), level_right)
 
 
-def like_mount(pairs: Pairs, pitch_rad: float | Floats) -> Mask:
-    """Pairs (n,) in which a mount offset about the body's y axis would show the same as a pitch trim: no bank."""
+def like_mount(pairs: CleanPairs, pitch_rad: float | Floats) -> Mask:
+    """CleanPairs (n,) in which a mount offset about the body's y axis would show the same as a pitch trim: no bank."""
     return np.asarray(np.abs(pitch_rad * np.sin(pairs.rpy_rad[:, 0])) <= TOLD_APART * NOISE_RAD)
 
 
-def like_sign(pairs: Pairs, pitch_rad: float) -> Mask:
-    """Pairs (n,) in which a wrong sign of pitch would show the same as a pitch trim."""
+def like_sign(pairs: CleanPairs, pitch_rad: float) -> Mask:
+    """CleanPairs (n,) in which a wrong sign of pitch would show the same as a pitch trim."""
     return np.asarray(np.abs(pitch_rad + 2.0 * pairs.rpy_rad[:, 1]) <= TOLD_APART * NOISE_RAD)
 
 
-def fit_trims(pairs: Pairs, rotvec: Floats, pitch_rad: float) -> Correction | None:
+def fit_trims(pairs: CleanPairs, rotvec: Floats, pitch_rad: float) -> Correction | None:
     """Fit TRIM_X and TRIM_Y (τx, τy), beside a pitch trim that was told; None unless all pairs say it.
 
     `rotvec` (n, 3) is what is left of the pairs without them. To first order in τy it is, at the roll φ and about the

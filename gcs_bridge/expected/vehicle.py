@@ -11,27 +11,25 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
+from gcs_bridge.columns import Floats, Int64s, Mask
 from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, VTOL_VIEW, Correction
-from gcs_bridge.expected.knowledge import FORWARD, HOVER, Knowledge
+from gcs_bridge.expected.knowledge import FORWARD, HOVER, FirmwareConfig
 from gcs_bridge.expected.pairs import (
+    NO_CLEAN_PAIRS,
     NO_EULER,
-    NO_PAIRS,
     NO_QUATERNION,
     NOISE_RAD,
     TAIL,
     VIEW_NOISE_RAD,
+    CleanPairs,
     EulerRows,
-    Floats,
-    Int64s,
-    Mask,
-    Pairs,
     QuaternionRows,
     in_order,
     match,
 )
-from gcs_bridge.expected.view import Step, View
-from gcs_bridge.samples import AttitudeSamples
-from gcs_bridge.told import ModeSet, ParameterSet
+from gcs_bridge.expected.view import CorrectionChange, View
+from gcs_bridge.telemetry.samples import AttitudeSamples
+from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 
 _EFFECT_RAD = math.radians(0.02)  # what the bound of a same-instant pair swallows needs no explanation
 _SAME_VALUE_RAD = math.radians(0.3)  # a fit that moves by less was refined
@@ -94,12 +92,12 @@ class Expected:
 
     def __init__(self) -> None:
         """Start with nothing told."""
-        self._told = Knowledge()
+        self._told = FirmwareConfig()
         self._news: list[ParameterSet | ModeSet] = []
         self._views = (View(NOISE_RAD, comes_and_goes=False), View(VIEW_NOISE_RAD, comes_and_goes=True))
         self._explanations: list[_Explanation] = []
         self._euler, self._quaternion = NO_EULER, NO_QUATERNION  # the latest in order, within this boot
-        self._done = -1  # ordinal up to which pairs were taken
+        self._done = -1  # frame_index up to which pairs were taken
         self._mode_since_us: int | None = None  # None: counted from the next sample
         self._shown: int | None = None  # the view of the latest sample, None: that of the mode
         self._astray_since_us = -1  # since when it is not that of the mode, −1 if it is
@@ -116,11 +114,15 @@ class Expected:
         self._news += what
 
     def correct(
-        self, euler: AttitudeSamples, euler_ordinal: Int64s, quaternion: AttitudeSamples, quaternion_ordinal: Int64s
+        self,
+        euler: AttitudeSamples,
+        euler_frame_index: Int64s,
+        quaternion: AttitudeSamples,
+        quaternion_frame_index: Int64s,
     ) -> Corrected:
         """Undo the expected differences in a batch of Euler samples.
 
-        `euler_ordinal` and `quaternion_ordinal` say the order of arrival among both and with what was told.
+        `euler_frame_index` and `quaternion_frame_index` say the order of arrival among both and with what was told.
         """
         q_nb, causes, untold = euler.q_nb, np.zeros(len(euler), np.uint8), np.zeros(len(euler), np.uint8)
         applied: list[tuple[Int64s, Correction]] = []
@@ -131,11 +133,13 @@ class Expected:
                 continue
             upto = [len(euler), len(quaternion)]
             if what is not None:
-                upto = [int(np.searchsorted(of, what.ordinal)) for of in (euler_ordinal, quaternion_ordinal)]
+                upto = [
+                    int(np.searchsorted(of, what.frame_index)) for of in (euler_frame_index, quaternion_frame_index)
+                ]
             if upto != done and not self._told.makes_none:
                 e, q = slice(done[0], upto[0]), slice(done[1], upto[1])
                 for rows, corrected, turned_by, correction in self._take(
-                    euler[e], euler_ordinal[e], quaternion[q], quaternion_ordinal[q], untold[e]
+                    euler[e], euler_frame_index[e], quaternion[q], quaternion_frame_index[q], untold[e]
                 ):
                     if q_nb is euler.q_nb:
                         q_nb = q_nb.copy()
@@ -173,9 +177,9 @@ class Expected:
     def _take(
         self,
         euler: AttitudeSamples,
-        euler_ordinal: Int64s,
+        euler_frame_index: Int64s,
         quaternion: AttitudeSamples,
-        quaternion_ordinal: Int64s,
+        quaternion_frame_index: Int64s,
         untold: npt.NDArray[np.uint8],
     ) -> Iterator[tuple[Int64s, Floats, npt.NDArray[np.uint8], Correction]]:
         """Take samples among which nothing was told; yield rows that are corrected, q_nb, causes and correction.
@@ -184,38 +188,40 @@ class Expected:
         """
         assert euler.rpy_rad is not None
         good = in_order(quaternion, self._quaternion)
-        more = QuaternionRows(quaternion_ordinal, quaternion.t_boot_us, quaternion.q_nb, quaternion.w_nb_b_rad_s)
+        more = QuaternionRows(quaternion_frame_index, quaternion.t_boot_us, quaternion.q_nb, quaternion.w_nb_b_rad_s)
         quaternions = self._quaternion.then(more.part(good))
         good = in_order(euler, self._euler)
         start, end = 0, len(euler)
         while True:
             rest = slice(start, end)
             view, free, astray_since_us = self._choose(
-                euler_ordinal[rest], euler[rest], euler.rpy_rad[rest], quaternions
+                euler_frame_index[rest], euler[rest], euler.rpy_rad[rest], quaternions
             )
-            new = EulerRows(euler_ordinal[rest], euler.t_boot_us[rest], euler.rpy_rad[rest], view, free)
+            new = EulerRows(euler_frame_index[rest], euler.t_boot_us[rest], euler.rpy_rad[rest], view, free)
             eulers = self._euler.then(new.part(good[rest]))
             pairs, views = match(eulers, quaternions, self._done)
-            parts = [pairs.part(views == view) for view in (FORWARD, HOVER)] if views.any() else [pairs, NO_PAIRS]
+            parts = [pairs.part(views == view) for view in (FORWARD, HOVER)] if views.any() else [pairs, NO_CLEAN_PAIRS]
             steps = self._scan(parts)
-            ordinals = [int(part.ordinal[step.at]) for part, step in zip(parts, steps, strict=True) if step]
-            ordinal = min(ordinals, default=None)
-            count = end - start if ordinal is None else int(np.searchsorted(new.ordinal, ordinal, side="right"))
+            frame_indices = [int(part.frame_index[step.at]) for part, step in zip(parts, steps, strict=True) if step]
+            frame_index = min(frame_indices, default=None)
+            count = (
+                end - start if frame_index is None else int(np.searchsorted(new.frame_index, frame_index, side="right"))
+            )
             forward, hover = self._views
             untold[start : start + count] = np.where(view[:count] == FORWARD, forward.untold, hover.untold)
             yield from self._undo(new.part(slice(count)), start)
-            self._keep(parts, steps, ordinal)
+            self._keep(parts, steps, frame_index)
             if count:
                 self._shown, self._astray_since_us = int(view[count - 1]), int(astray_since_us[count - 1])
                 self._euler = self._euler.then(new.part(slice(count)).part(good[start : start + count]))
-            if ordinal is None:
+            if frame_index is None:
                 break
-            self._done, start = ordinal, start + count
-        self._done = max([self._done, *(int(of[-1]) for of in (euler_ordinal, quaternion_ordinal) if len(of))])
+            self._done, start = frame_index, start + count
+        self._done = max([self._done, *(int(of[-1]) for of in (euler_frame_index, quaternion_frame_index) if len(of))])
         self._euler, self._quaternion = self._euler.part(slice(-TAIL, None)), quaternions.part(slice(-TAIL, None))
 
     def _choose(
-        self, ordinal: Int64s, euler: AttitudeSamples, rpy_rad: Floats, quaternions: QuaternionRows
+        self, frame_index: Int64s, euler: AttitudeSamples, rpy_rad: Floats, quaternions: QuaternionRows
     ) -> tuple[npt.NDArray[np.int8], Mask, Int64s]:
         """The view that each of n Euler samples shows, whether it may change there, since when it is not the mode's.
 
@@ -236,7 +242,7 @@ class Expected:
         unknown = self._told.open_view and not hover.fitted
         if unknown or hover.correction == self._views[FORWARD].correction or not len(quaternions):
             return view, free, astray_since_us
-        latest = np.searchsorted(quaternions.ordinal, ordinal) - 1
+        latest = np.searchsorted(quaternions.frame_index, frame_index) - 1
         since_s = (t_us - quaternions.t_us[latest]) * 1e-6
         turn = 0.5 * (quaternions.w_b_rad_s[latest] + euler.w_nb_b_rad_s) * since_s[:, None]
         q_now = attitude.multiply(quaternions.q_nb[latest], attitude.quaternion_from_rotvec(turn))
@@ -257,7 +263,7 @@ class Expected:
         view[:] = np.where(free | ahead, shown, usual)
         return view, free, astray_since_us
 
-    def _scan(self, parts: list[Pairs]) -> list[Step | None]:
+    def _scan(self, parts: list[CleanPairs]) -> list[CorrectionChange | None]:
         """The first change that the pairs of each view make in it."""
         hover = self._views[HOVER]
         rivals = (hover.correction if hover.fitted and not hover.switched else None, None)
@@ -265,11 +271,13 @@ class Expected:
             view.scan(part, self._told, rival) for view, part, rival in zip(self._views, parts, rivals, strict=True)
         ]
 
-    def _keep(self, parts: list[Pairs], steps: list[Step | None], ordinal: int | None) -> None:
-        """Remember the pairs up to the frame `ordinal`, and the step that one of the views made there."""
+    def _keep(self, parts: list[CleanPairs], steps: list[CorrectionChange | None], frame_index: int | None) -> None:
+        """Remember the pairs up to the frame `frame_index`, and the step that one of the views made there."""
         for view, part, step in zip(self._views, parts, steps, strict=True):
-            made = step if step is not None and part.ordinal[step.at] == ordinal else None
-            upto = len(part) if ordinal is None else int(np.searchsorted(part.ordinal, ordinal, side="right"))
+            made = step if step is not None and part.frame_index[step.at] == frame_index else None
+            upto = (
+                len(part) if frame_index is None else int(np.searchsorted(part.frame_index, frame_index, side="right"))
+            )
             dropped = view.keep(part.part(slice(upto)), made).values()
             given_up = 0 if made is None else made.gives_up
             self._explanations = [

@@ -8,18 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gcs_bridge.columns import Int64s, Mask
 from gcs_bridge.expected.correction import AHRS_TRIM, NOTHING, PITCH_TRIM, VTOL_VIEW, Correction
-from gcs_bridge.expected.knowledge import Knowledge
+from gcs_bridge.expected.knowledge import FirmwareConfig
 from gcs_bridge.expected.pairs import (
     IN_A_ROW,
-    NO_PAIRS,
+    NO_CLEAN_PAIRS,
     NOISE_RAD,
     SECOND_ORDER,
     TOLD_APART,
     TRIM_PAIRS,
-    Int64s,
-    Mask,
-    Pairs,
+    CleanPairs,
     fit_trims,
     in_a_row,
     like_mount,
@@ -38,7 +37,7 @@ _FIT_EVERY_US = 250_000  # and vehicle time between later attempts
 _Y_AXIS = np.array([[0.0, 1.0, 0.0]])  # of the body: to the right
 
 
-class Step(NamedTuple):
+class CorrectionChange(NamedTuple):
     """From the pair `at` on, another correction holds."""
 
     at: int
@@ -66,13 +65,13 @@ class View:
         self._confirmed = False  # some pairs agreed with the correction
         self._expected: tuple[Correction, ...] = (NOTHING,)  # what was told, and what may hold instead of it
         self._open = 0  # causes that may be fitted
-        self._recent = self._sparse = NO_PAIRS  # the latest pairs, and one a second
+        self._recent = self._sparse = NO_CLEAN_PAIRS  # the latest pairs, and one a second
         self._denials = self._agreements = 0  # pairs in a row, up to the last one kept
         self._scanned = (np.empty(0, np.int64), np.empty(0, np.int64))  # the same up to each pair scanned
 
     def start_boot(self) -> None:
-        """Pairs of the boot before say nothing any more; the correction still holds, as parameters do."""
-        self._recent = self._sparse = NO_PAIRS
+        """CleanPairs of the boot before say nothing any more; the correction still holds, as parameters do."""
+        self._recent = self._sparse = NO_CLEAN_PAIRS
         self._denials = self._agreements = 0
 
     def take_over(self, other: View) -> None:
@@ -98,10 +97,10 @@ class View:
             return
         fit_stands = self.fitted and not self.fitted & ~open_causes and expected[0] == self._expected[0]
         if not fit_stands and (expected[0] != self._expected[0] or self.fitted):
-            self._hold(Step(0, expected[0]))
+            self._hold(CorrectionChange(0, expected[0]))
         self._expected, self._open = expected, open_causes
 
-    def scan(self, pairs: Pairs, told: Knowledge, rival: Correction | None) -> Step | None:
+    def scan(self, pairs: CleanPairs, told: FirmwareConfig, rival: Correction | None) -> CorrectionChange | None:
         """Find the first of the pairs after which another correction holds; nothing is remembered yet.
 
         `rival` is a fitted correction of the other view: if it holds in this one as well, it is none.
@@ -112,7 +111,7 @@ class View:
         denials = run_lengths(denied, self._denials)
         agreements = run_lengths(~denied, self._agreements)
         self._scanned = denials, agreements
-        steps = [Step(at, self.correction, self.fitted) for at in self._learns(pairs, denials, agreements)]
+        steps = [CorrectionChange(at, self.correction, self.fitted) for at in self._learns(pairs, denials, agreements)]
         hot = denials >= IN_A_ROW
         if not hot.any():
             return min(steps, key=lambda step: step.at, default=None)
@@ -125,16 +124,16 @@ class View:
         for other in self._expected:
             at = None if other == self.correction else first(in_a_row(seen.residual(other) <= self._noise_rad))
             if at is not None:
-                steps.append(Step(at, other))
+                steps.append(CorrectionChange(at, other))
         if rival is not None:
             at = first(in_a_row((seen.residual(rival) <= self._noise_rad) & ~seen.free))
             if at is not None:
-                steps.append(Step(at, self.correction, self.fitted, gives_up=VTOL_VIEW))
+                steps.append(CorrectionChange(at, self.correction, self.fitted, gives_up=VTOL_VIEW))
         if self._open & VTOL_VIEW and not self.fitted:
             turn, fits = turn_about(seen.apart(NOTHING), _Y_AXIS, self._noise_rad)
             at = first(fits & (seen.free | (not self.settled)) & told.allows_view(turn))
             if at is not None:
-                steps.append(Step(at, Correction(view_rad=float(turn[at - n])), VTOL_VIEW))
+                steps.append(CorrectionChange(at, Correction(view_rad=float(turn[at - n])), VTOL_VIEW))
         if self._open & PITCH_TRIM:
             base = self._expected[0]._replace(pitch_rad=0.0)
             turn, fits = turn_about(seen.apart(base), pitch_axis(seen, base), NOISE_RAD)
@@ -144,14 +143,14 @@ class View:
             told_apart = moved & ~in_a_row(like_mount(seen, turn))
             at = first(fits & (told_apart | (not self.settled and not self.fitted)) & (np.abs(turn) <= _MOST_PITCH_RAD))
             if at is not None:
-                steps.append(Step(at, base._replace(pitch_rad=float(turn[at - n])), PITCH_TRIM))
+                steps.append(CorrectionChange(at, base._replace(pitch_rad=float(turn[at - n])), PITCH_TRIM))
         if self._open & AHRS_TRIM:
             steps += self._trims(seen, denials, min((step.at for step in steps), default=n))
         if self.fitted and not self.proven:
-            steps.append(Step(int(hot.argmax()), self._expected[0], gives_up=self.fitted))
+            steps.append(CorrectionChange(int(hot.argmax()), self._expected[0], gives_up=self.fitted))
         return min(steps, key=lambda step: step.at, default=None)
 
-    def keep(self, pairs: Pairs, step: Step | None) -> Correction:
+    def keep(self, pairs: CleanPairs, step: CorrectionChange | None) -> Correction:
         """Remember the first of the pairs that were scanned; the last of them has made the step.
 
         Returns the correction that is dropped, if no pairs ever confirmed it.
@@ -180,7 +179,7 @@ class View:
             return [] if self.switched else ["mount_offset"]
         return ["mount_offset"] * self.like_mount + ["pitch_sign"] * self.like_sign
 
-    def _test(self, good: Pairs) -> None:
+    def _test(self, good: CleanPairs) -> None:
         """Learn from pairs that confirm a fit what else it could be."""
         if not self.fitted or not len(good):
             return
@@ -194,7 +193,7 @@ class View:
         moved = self._pitch_range[1] - self._pitch_range[0] > self._pitch_moves_rad
         self.proven |= moved and not self.like_mount
 
-    def _hold(self, step: Step) -> None:
+    def _hold(self, step: CorrectionChange) -> None:
         if step.correction != self.correction:
             self._banked = False
         self.correction, self.fitted = step.correction, step.fitted
@@ -205,14 +204,14 @@ class View:
         self._denials = self._agreements = 0
         self._confirmed = False
 
-    def _denied(self, pairs: Pairs) -> Mask:
+    def _denied(self, pairs: CleanPairs) -> Mask:
         return pairs.residual(self.correction) > TOLD_APART * self._noise_rad
 
-    def _settling(self, pairs: Pairs, agreements: Int64s) -> Mask:
+    def _settling(self, pairs: CleanPairs, agreements: Int64s) -> Mask:
         settling = agreements >= IN_A_ROW
         return settling & ~pairs.free if self._comes_and_goes else settling
 
-    def _learns(self, pairs: Pairs, denials: Int64s, agreements: Int64s) -> Iterator[int]:
+    def _learns(self, pairs: CleanPairs, denials: Int64s, agreements: Int64s) -> Iterator[int]:
         """The first pairs that settle the view, and that prove its fit: what they make known holds behind them."""
         if not self.settled and (settling := self._settling(pairs, agreements)).any():
             yield int(settling.argmax())
@@ -229,12 +228,12 @@ class View:
             if (proves := moved & (banked | (not self.like_mount))).any():
                 yield int(proves.argmax())
 
-    def _one_a_second(self, seen: Pairs) -> Int64s:
+    def _one_a_second(self, seen: CleanPairs) -> Int64s:
         """Places in `seen` of the first pair of each second, where it is new."""
         before = len(self._recent)
         return np.flatnonzero(np.diff(seen.t_us // _SPARSE_US, prepend=-1)[before:]) + before
 
-    def _trims(self, seen: Pairs, denials: Int64s, end: int) -> list[Step]:
+    def _trims(self, seen: CleanPairs, denials: Int64s, end: int) -> list[CorrectionChange]:
         """Fit AHRS_TRIM to the latest pairs; the first fit before pair `end`, if any.
 
         While it fails it is tried a few times a second: the difference grows with the bank, slower than that.
@@ -253,10 +252,10 @@ class View:
             for window in (np.concatenate((begins[begins < to][-_RECENT:], windows[0])), *windows):
                 fitted = fit_trims(both.part(window), rotvec[window], pitch_rad)
                 if fitted is not None:
-                    return [Step(at, fitted, AHRS_TRIM)]
+                    return [CorrectionChange(at, fitted, AHRS_TRIM)]
         return []
 
 
-def _banking(pairs: Pairs, agreements: Int64s) -> Mask:
-    """Pairs (n,) in which an AHRS_TRIM that was not undone would have shown."""
+def _banking(pairs: CleanPairs, agreements: Int64s) -> Mask:
+    """CleanPairs (n,) in which an AHRS_TRIM that was not undone would have shown."""
     return np.asarray((agreements >= IN_A_ROW) & (np.abs(pairs.rpy_rad[:, 0]) > _BANK_RAD))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .dialect import Message
-from .jit import kernel
-from .scan import Bytes, Frames
+from gcs_bridge.jit import kernel
+from gcs_bridge.mavlink.dialect import Message
+from gcs_bridge.mavlink.scan import Bytes, Frames
 
 
 @kernel

@@ -17,17 +17,15 @@ Nothing is decided before the bytes that decide it are there: what comes out doe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from .dialect import BEYOND, WITHIN, Dialect
-from .jit import helper, kernel
+from gcs_bridge.jit import helper, kernel
+from gcs_bridge.mavlink.dialect import BEYOND, WITHIN
 
 Bytes = npt.NDArray[np.uint8]
-
 FRAME = np.dtype(
     [
         ("offset", "i8"),  # of the frame's first byte in its link or file
@@ -44,10 +42,8 @@ FRAME = np.dtype(
     ]
 )
 Frames = npt.NDArray[np.void]
-
 # What stands at a place of the buffer.
 _NO_FRAME, _MORE, _GOOD, _BAD_CRC, _UNKNOWN = 0, 1, 2, 3, 4
-
 _V1, _V2 = 0xFE, 0xFD
 _SIGNED = 0x01  # the one incompatibility flag that is defined
 _DAY_US = 86_400_000_000
@@ -56,12 +52,10 @@ _YEAR_2100_US = 4_102_444_800_000_000
 _NO_TIME = -1
 _NO_SEQ = -1
 _HABIT = 3  # so many repaired frames show that a recorder cuts zeros behind the checksum
-
 # Slots of `Scanner._counts`, the kernel's counters and state that outlive a call.
 _CRC_FAILED, _REPAIRED, _UNVERIFIED, _SIGNED_FRAMES, _DUPLICATES, _BAD_TIMES = range(6)
 _GAP_START, _LAST_TIME, _COMPONENTS, _CURSOR = 6, 7, 8, 9
 _COUNTS = 10
-
 _SLOTS = 256  # components whose sequence and repetitions are followed; those beyond share the last slot, unfollowed
 
 
@@ -420,142 +414,3 @@ def scan_kernel(
         at = n
     counts[_CURSOR] = base + at
     return n_frames, n_gaps
-
-
-@dataclass
-class Salvage:
-    """What a link or file yielded, and what it lost; `gaps` keeps the first hundred (offset, bytes)."""
-
-    bytes: int = 0
-    frames: int = 0
-    bad_crc: int = 0
-    repaired_crc: int = 0
-    unverified: int = 0
-    skipped_bytes: int = 0
-    signed: int = 0
-    duplicates: int = 0
-    bad_times: int = 0
-    gap_count: int = 0
-    gaps: list[tuple[int, int]] = field(default_factory=list)
-    _gap_end: int = -1
-
-    def add_gap(self, offset: int, length: int) -> None:
-        """Count `length` bytes at `offset` as unreadable, one gap with those right before them."""
-        self.skipped_bytes += length
-        if offset == self._gap_end:
-            if self.gap_count <= len(self.gaps):
-                first, before = self.gaps[-1]
-                self.gaps[-1] = (first, before + length)
-        else:
-            self.gap_count += 1
-            if len(self.gaps) < MAX_GAPS:
-                self.gaps.append((offset, length))
-        self._gap_end = offset + length
-
-    @property
-    def read_fraction(self) -> float | None:
-        """Share of the bytes that were read, None before the first byte."""
-        return 1.0 - self.skipped_bytes / self.bytes if self.bytes else None
-
-
-MAX_GAPS = 100
-
-
-class RawFrame(NamedTuple):
-    """A whole frame, signature included, and its receive time."""
-
-    t_rx_us: int
-    data: bytes
-
-
-class Scanner:
-    """The frames of one link or recording, from its bytes in pieces cut anywhere.
-
-    `timed` reads a recording, else a stream. What a piece leaves undecided (at most one frame and the header of the
-    next) waits for the next piece. Bytes in, structured `FRAME` arrays out; the frames' payloads are in `buffer` until
-    the next call.
-    """
-
-    def __init__(self, dialect: Dialect, *, timed: bool) -> None:
-        """Start with nothing read."""
-        self.salvage = Salvage()
-        self.buffer: Bytes = np.empty(0, np.uint8)
-        self.all_frames: Frames = np.empty(0, FRAME)  # of the last call, with those of unknown ids
-        self._base = 0
-        self._timed = timed
-        self._tables = dialect.tables
-        self._counts = np.zeros(_COUNTS, np.int64)
-        self._counts[[_GAP_START, _LAST_TIME]] = -1
-        self._components = Components(
-            slot=np.full(65536, -1, np.int16),
-            last_seq=np.full(_SLOTS, _NO_SEQ, np.int16),
-            late_seq=np.full(_SLOTS, _NO_SEQ, np.int16),
-            lost=np.zeros(_SLOTS, np.int64),
-            seen_hash=np.zeros((_SLOTS, 256), np.uint64),
-            seen_us=np.full((_SLOTS, 256), -1, np.int64),
-        )
-
-    def scan(self, data: bytes | bytearray | memoryview, *, t_rx_us: int = -1, final: bool = False) -> Frames:
-        """Take the next bytes and return the frames that they complete.
-
-        `t_rx_us` is the receive time of a stream's bytes, −1 if unknown (a recording brings its own). With `final`
-        nothing follows: what is still undecided is decided, as at the end of a file or of a datagram.
-        """
-        keep = int(self._counts[_CURSOR]) - self._base
-        if self._timed and self._counts[_GAP_START] >= 0:
-            keep = max(keep - 8, 0)  # the bytes before a frame found in a gap may be its time
-        rest = self.buffer.size - keep
-        buffer = np.empty(rest + len(data), np.uint8)
-        buffer[:rest] = self.buffer[keep:]
-        buffer[rest:] = np.frombuffer(data, np.uint8)
-        self.buffer = buffer
-        self._base += keep
-        capacity = buffer.size // _SMALLEST_FRAME + 2
-        frames = np.empty(capacity, FRAME)
-        gaps = np.empty((capacity, 2), np.int64)
-        n_frames, n_gaps = scan_kernel(
-            buffer,
-            self._base,
-            final,
-            self._timed,
-            t_rx_us,
-            *self._tables,
-            self._counts,
-            self._components,
-            frames,
-            gaps,
-        )
-        salvage = self.salvage
-        salvage.bytes += len(data)
-        self.all_frames = frames[:n_frames]
-        verified = self.all_frames
-        if not verified["verified"].all():
-            verified = verified[verified["verified"] == 1]
-        salvage.frames += len(verified)
-        for slot, name in _COUNTERS:
-            setattr(salvage, name, int(self._counts[slot]))
-        for offset, length in gaps[:n_gaps].tolist():
-            salvage.add_gap(offset, length)
-        return verified
-
-    def raw_frames(self) -> list[RawFrame]:
-        """The frames of the last call, those of unknown ids included, byte for byte as they came."""
-        frames = self.all_frames
-        start = frames["offset"] - self._base
-        signed = (self.buffer[start] == _V2) & (self.buffer[start + 2] & _SIGNED == _SIGNED)
-        stop = frames["payload"] + frames["length"] + np.where(signed, 15, 2)
-        return [
-            RawFrame(t_rx_us, self.buffer[first:end].tobytes())
-            for t_rx_us, first, end in zip(frames["t_rx_us"].tolist(), start.tolist(), stop.tolist(), strict=True)
-        ]
-
-
-_SMALLEST_FRAME = 8
-_COUNTERS = (
-    (_CRC_FAILED, "bad_crc"),
-    (_REPAIRED, "repaired_crc"),
-    (_UNVERIFIED, "unverified"),
-    (_SIGNED_FRAMES, "signed"),
-    (_DUPLICATES, "duplicates"),
-    (_BAD_TIMES, "bad_times"),
-)

@@ -13,7 +13,7 @@ import msgspec
 
 from gcs_bridge._version import __version__
 from gcs_bridge.report import text
-from gcs_bridge.report.contract import EXIT_CODES, SCHEMA, compared, sends_attitude, worst_verdict
+from gcs_bridge.report.verdicts import EXIT_CODES, SCHEMA, compared, sends_attitude, worst_verdict
 from gcs_bridge.settings import FailOn
 
 __all__ = ["Report", "worst_exit_code"]

@@ -13,8 +13,8 @@ from typing import Any
 
 from gcs_bridge.errors import one_line
 from gcs_bridge.mavlink.requests import request_command
-from gcs_bridge.report.alarm_words import difference
-from gcs_bridge.report.contract import LABELS, UNJUDGED, compared, sends_attitude
+from gcs_bridge.report.verdicts import LABELS, UNJUDGED, compared, sends_attitude
+from gcs_bridge.report.wording import difference
 
 __all__ = ["lines"]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 
 from gcs_bridge.errors import UsageError
-from gcs_bridge.report.output import refuse_unwritable
+from gcs_bridge.files import refuse_unwritable
 
 __all__ = ["LiveFile"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gcs_bridge.mavlink.scan import RawFrame
+from gcs_bridge.mavlink.scanner import RawFrame
 from gcs_bridge.sinks.file import LiveFile
 
 __all__ = ["TlogRecorder"]

@@ -7,14 +7,14 @@ from pathlib import Path
 import rerun as rr
 
 from gcs_bridge.errors import UsageError
-from gcs_bridge.moments import Moment
+from gcs_bridge.judging.alarm_windows import AlarmWindow
 from gcs_bridge.viewer.saved import FLUSH_S, GATHER
 from gcs_bridge.viewer.sink import RerunSink, new_recording
 
 __all__ = ["save_moment"]
 
 
-def save_moment(moment: Moment, name: str, path: Path) -> None:
+def save_moment(moment: AlarmWindow, name: str, path: Path) -> None:
     """Write the file; `name` is what the viewer calls it."""
     recording = new_recording(name, live=False)
     try:

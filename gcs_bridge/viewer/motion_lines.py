@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gcs_bridge.flight import Flight
-from gcs_bridge.motion import MotionSamples, MotionTracker
-from gcs_bridge.viewer.rows import PLOT_HOLD_US, Floats, Rows, Times
+from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.columns import Floats
+from gcs_bridge.judging.dead_reckoning import MotionSamples, MotionTracker
+from gcs_bridge.viewer.rows import PLOT_HOLD_US, Rows, Times
 from gcs_bridge.viewer.scene import DOWN_M, MOTION, Key, path_of
 
 __all__ = ["MotionLines"]
@@ -25,7 +26,7 @@ class MotionLines:
         self._tracker = MotionTracker(PLOT_HOLD_US)
         self._heading_deg = np.nan  # the last one drawn
 
-    def feed(self, flight: Flight) -> Iterator[Rows]:
+    def feed(self, flight: CheckBatch) -> Iterator[Rows]:
         """What a batch adds."""
         return self._rows(self._tracker.feed(flight))
 

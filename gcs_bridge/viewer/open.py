@@ -12,8 +12,8 @@ from typing import Literal
 
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event
-from gcs_bridge.judge import Observation
-from gcs_bridge.report.output import refuse_unwritable
+from gcs_bridge.files import refuse_unwritable
+from gcs_bridge.judging.observation import Observation
 
 __all__ = ["Say", "Viewer", "ViewerSink", "ViewerSpec", "open_viewer"]
 

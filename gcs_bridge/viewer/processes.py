@@ -95,7 +95,7 @@ class Page:
         """Start the program and go on at once; if it fails, `say` is told, from another thread."""
         arguments = ["--serve-web", "--bind", _HOST, "--web-viewer-port", str(port), url]
         self._process = subprocess.Popen(  # noqa: S603  # rerun's own program
-            [sys.executable, str(Path(__file__).with_name("keeper.py")), *_RERUN, *arguments],
+            [sys.executable, str(Path(__file__).with_name("run_until_parent_exits.py")), *_RERUN, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -110,7 +110,7 @@ class Page:
         """End the page's server."""
         self._closed = True
         assert self._process.stdin is not None
-        self._process.stdin.close()  # the keeper's sign
+        self._process.stdin.close()  # the run_until_parent_exits's sign
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_END_S)
 

@@ -14,21 +14,20 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
+from gcs_bridge.columns import Floats, Int64s
 from gcs_bridge.events import Event
-from gcs_bridge.judge import Observation
+from gcs_bridge.judging.observation import Observation
 from gcs_bridge.viewer.scene import UTC, boot_timeline
 
-__all__ = ["PLOT_HOLD_US", "Moment", "Rows", "Times", "moment_of", "pair_times"]
+__all__ = ["PLOT_HOLD_US", "Instant", "Rows", "Times", "instant_of", "pair_times"]
 
 PLOT_HOLD_US = 200_000
 """A live link's plots grow five times a second: the eye sees no more, and each time costs as much as 100 rows."""
 
-Floats = npt.NDArray[np.float64]
-Int64s = npt.NDArray[np.int64]
 Texts = npt.NDArray[np.str_]
 
 
-class Moment(NamedTuple):
+class Instant(NamedTuple):
     """An instant on the clock of a boot and as received: µs, None and −1 where unknown."""
 
     boot: int
@@ -50,9 +49,9 @@ class Times:
     def __getitem__(self, rows: Int64s) -> Times:
         return Times(self.boot, self.t_boot_us[rows], self.t_rx_us[rows])
 
-    def moment(self, row: int) -> Moment:
+    def moment(self, row: int) -> Instant:
         """When one of them was true."""
-        return Moment(self.boot, int(self.t_boot_us[row]), int(self.t_rx_us[row]))
+        return Instant(self.boot, int(self.t_boot_us[row]), int(self.t_rx_us[row]))
 
     def columns(self, rows: Int64s) -> list[rr.TimeColumn]:
         """The times of rows whose receive times are all known, or all unknown."""
@@ -122,14 +121,14 @@ class Rows:
                 )
 
 
-def moment_of(event: Event) -> Moment:
+def instant_of(event: Event) -> Instant:
     """When an event was."""
     boot_s, utc = event["boot_s"], event["utc"]
     received = -1 if utc is None else int(np.datetime64(utc.removesuffix("Z"), "us").astype(np.int64))
-    return Moment(event["boot"], None if boot_s is None else round(boot_s * 1e6), received)
+    return Instant(event["boot"], None if boot_s is None else round(boot_s * 1e6), received)
 
 
 def pair_times(observation: Observation) -> Times:
     """When each pair was true, and known: a pair is known when the sample comes that completes it."""
     segment, pairs = observation.segment, observation.pairs
-    return Times(segment.boot, pairs.t_boot_us, segment.t_rx_us[segment.valid_attitude][pairs.trigger])
+    return Times(segment.boot, pairs.t_boot_us, segment.t_rx_us[segment.valid_attitude][pairs.completed_by])

@@ -10,28 +10,25 @@ from collections.abc import Iterable
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import rerun as rr
 
 from gcs_bridge import attitude
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
 from gcs_bridge.events import Event
-from gcs_bridge.judge import Observation
-from gcs_bridge.samples import AttitudeSamples
-from gcs_bridge.sinks.events import event_line
+from gcs_bridge.judging.observation import Observation
+from gcs_bridge.sinks.event_lines import event_line
+from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer import scene
-from gcs_bridge.viewer.apart import Apart, Shown
+from gcs_bridge.viewer.disagreement import Apart, Shown
 from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.motion_lines import MotionLines
 from gcs_bridge.viewer.open import ViewerSink
 from gcs_bridge.viewer.processes import Window
-from gcs_bridge.viewer.rows import PLOT_HOLD_US, Moment, Rows, Times, moment_of, pair_times
+from gcs_bridge.viewer.rows import PLOT_HOLD_US, Instant, Rows, Times, instant_of, pair_times
 from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, Key, boot_timeline, path_of
 
 __all__ = ["RerunSink", "new_recording"]
 
-Floats = npt.NDArray[np.float64]
-Int64s = npt.NDArray[np.int64]
 
 _TICK_S = 0.02  # so long rerun gathers a live link's events; samples come in batches already, and go at once
 
@@ -96,10 +93,10 @@ class RerunSink(ViewerSink):
         self._waiting: dict[tuple[int | str, ...], list[Rows]] = {}
         self._window = window
         self._vehicles: dict[Key, _Vehicle] = {}
-        self._first: Moment | None = None
+        self._first: Instant | None = None
         self._latest_rx_us = -1
         self._boots: set[int] = set()
-        self._alarm: Moment | None = None
+        self._alarm: Instant | None = None
         self._draw(scene.world_parts())
 
     def observe(self, observation: Observation) -> None:
@@ -125,7 +122,7 @@ class RerunSink(ViewerSink):
         if self._holds:
             self.flush()  # the plots lead up to it, and none waits for more when a stream falls silent
         name = event["event"]
-        moment = moment_of(event)
+        moment = instant_of(event)
         if moment.t_boot_us is None and moment.t_rx_us < 0:
             moment = moment._replace(t_rx_us=self._latest_rx_us)
         self._set_time(moment)
@@ -272,7 +269,7 @@ class RerunSink(ViewerSink):
             Rows.joined(waiting).send(self._rec)
             waiting.clear()
 
-    def _set_time(self, moment: Moment) -> None:
+    def _set_time(self, moment: Instant) -> None:
         """The time of what is logged next."""
         self._rec.reset_time()
         if moment.t_boot_us is not None:
@@ -306,9 +303,9 @@ class RerunSink(ViewerSink):
         shown = layout(vehicles, self._timeline(), live=self._live, around_us=around_us, at_end=at_end)
         self._rec.send_blueprint(shown)
 
-    def _at(self, t_rx_us: int) -> Moment | None:
+    def _at(self, t_rx_us: int) -> Instant | None:
         """A receive time as a moment of the first vehicle's first boot; None where it is past the end, or unknown."""
         first = self._first
         if first is None or first.t_rx_us <= 0 or first.t_boot_us is None or t_rx_us > self._latest_rx_us:
             return None
-        return Moment(first.boot, max(first.t_boot_us + t_rx_us - first.t_rx_us, 0), t_rx_us)
+        return Instant(first.boot, max(first.t_boot_us + t_rx_us - first.t_rx_us, 0), t_rx_us)

@@ -1,7 +1,8 @@
 """The rates of the two messages at one instant: one estimate has one set of body rates."""
 
 import pytest
-from craft import Craft, alarms, between, check, judged, rates_off, spinning, swaying, with_rates
+
+from tests.helpers.craft import Craft, alarms, between, check, judged, rates_off, spinning, swaying, with_rates
 
 TURNING = spinning(deg_s=20)  # steady: nothing of a difference is the motion's own
 FAULT_S = (4.0, 8.0)

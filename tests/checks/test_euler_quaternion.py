@@ -1,11 +1,14 @@
 """ATTITUDE against ATTITUDE_QUATERNION, once the motion is known exactly: small errors, and what they are called."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from craft import (
+
+from gcs_bridge import Monitor
+from gcs_bridge.recordings.faults import parse_fault
+from gcs_bridge.recordings.inject import inject
+from tests.helpers.craft import (
     Change,
     Craft,
     alarms,
@@ -17,11 +20,8 @@ from craft import (
     turned_in_body,
     turned_in_world,
 )
+from tests.helpers.paths import FIXTURES
 
-from gcs_bridge import Monitor
-from gcs_bridge.inject import inject, parse_fault
-
-FIXTURES = Path(__file__).parents[2] / "sitl_fixtures"
 SQUARE = FIXTURES / "a_copter_square.tlog"
 FAULT_S = (3.0, 7.0)
 LONG_S = (12.0, 25.0)

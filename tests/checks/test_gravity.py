@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import wire
-from craft import (
+from scipy.spatial.transform import Rotation
+
+from tests.helpers import wire
+from tests.helpers.craft import (
     ARMED,
     G_M_S2,
     Array,
@@ -27,7 +29,6 @@ from craft import (
     turned_in_body,
     velocity,
 )
-from scipy.spatial.transform import Rotation
 
 HZ = 10.0
 FAULT_S = (5.0, 9.0)  # known to be at rest from 3.0 s on

@@ -4,8 +4,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import wire
-from craft import (
+from scipy.spatial.transform import Rotation
+
+from tests.helpers import wire
+from tests.helpers.craft import (
     Array,
     Change,
     Craft,
@@ -24,7 +26,6 @@ from craft import (
     true,
     watched,
 )
-from scipy.spatial.transform import Rotation
 
 SWAY = swaying((1, 0, 0), by_deg=20, period_s=4)  # 31 °/s at most, 4.9 °/s from sample to sample at 10 Hz
 HZ = 10.0

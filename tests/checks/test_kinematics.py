@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from craft import (
+
+from tests.helpers.craft import (
     BOOT_S,
     Array,
     Change,

@@ -1,7 +1,8 @@
 """The compass: followed, worth a remark, never an alarm."""
 
 import pytest
-from craft import Change, Craft, State, alarms, between, check, judged, rotvec, true
+
+from tests.helpers.craft import Change, Craft, State, alarms, between, check, judged, rotvec, true
 
 
 def compass_off(deg: float) -> Change:

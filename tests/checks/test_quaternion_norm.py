@@ -1,7 +1,8 @@
 """The norm of ATTITUDE_QUATERNION: 1e-3 off is a warning, 1e-2 an alarm, and the angle is still judged."""
 
 import pytest
-from craft import Craft, State, alarms, between, check, judged, turned_in_world, watched, with_norm
+
+from tests.helpers.craft import Craft, State, alarms, between, check, judged, turned_in_world, watched, with_norm
 
 BEGIN_S, END_S = 4.0, 8.0  # of the fault; samples come every 0.05 s
 RAISED_S = BEGIN_S + 0.1 + 1.0  # with the third bad sample pending, a second later raised

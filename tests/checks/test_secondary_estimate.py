@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from craft import (
+
+from tests.helpers.craft import (
     Change,
     Craft,
     alarms,

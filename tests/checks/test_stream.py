@@ -4,8 +4,9 @@ import math
 from typing import Any
 
 import pytest
-import wire
-from craft import (
+
+from tests.helpers import wire
+from tests.helpers.craft import (
     BOOT_S,
     Change,
     Craft,

@@ -1,0 +1,1 @@
+"""When what was measured becomes an alarm, and what is told of it; nothing is measured here."""

@@ -1,0 +1,208 @@
+"""What a check is: one batch of a vehicle in; rated samples for its alarms, and numbers for the report, out."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from gcs_bridge import attitude
+from gcs_bridge.alarms.rated import Rated
+from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.checks.quantiles import Quantiles
+from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.settings import AlarmSettings
+from gcs_bridge.telemetry.samples import finite
+
+_UNKNOWN_SAMPLES = 200
+_LONGEST_US = 2_000_000  # of the time between two samples, what counts as watched
+
+
+class Break(NamedTuple):
+    """A comparison became unable to run, or able again, with a frame."""
+
+    frame_index: int
+    t_boot_us: int
+    broken: bool
+
+
+class Usable:
+    """Tells a source whose numbers mean nothing from one that has not decided yet: by many such samples in a row."""
+
+    def __init__(self) -> None:
+        """Start with a source that is believed to be usable."""
+        self.broken = False
+        self.breaks: list[Break] = []
+        self._unknown = 0
+
+    def follow(self, known: Mask, t_us: Int64s, frame_index: Int64s) -> None:
+        """Take the next samples, `known` (n,) where their numbers mean something."""
+        self.breaks = []
+        if known.all() and not self.broken:
+            self._unknown = 0
+            return
+        for row, is_known in enumerate(known.tolist()):
+            self._unknown = 0 if is_known else self._unknown + 1
+            if self.broken == is_known and (is_known or self._unknown >= _UNKNOWN_SAMPLES):
+                self.broken = not is_known
+                self.breaks.append(Break(int(frame_index[row]), int(t_us[row]), self.broken))
+
+
+class Check(ABC):
+    """One check of one vehicle, over all its boots."""
+
+    name: ClassVar[str]
+    needs: ClassVar[Literal["both", "quaternion", "any", "nothing"]] = "any"  # of the two streams, to judge at all
+    compares: ClassVar[bool] = True  # an attitude with something; else it judges the data's quality only
+    unit: ClassVar[str] = "deg"
+    not_a_sign_of: ClassVar[str]  # what its alarm is no sign of
+    ok_text: ClassVar[str]  # what it means that nothing was raised
+
+    def __init__(self) -> None:
+        """Start with nothing judged."""
+        self.judged = 0
+        self.judged_us = 0
+        self.alive_us = 0
+        self.residual = Quantiles()
+        self._watched_us: int | None = None
+
+    @property
+    @abstractmethod
+    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
+        """Its alarms; of two at one time, a warning is not told beside an alarm."""
+
+    def start_boot(self) -> None:
+        """Forget what counts within one boot alone."""
+        self._watched_us = None
+
+    @abstractmethod
+    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
+        """Judge what one batch brought."""
+
+    @property
+    def broken(self) -> str | None:
+        """Why the comparison cannot run although its sources are there, None where it can."""
+        return None
+
+    def breaks(self) -> list[Break]:
+        """Where, in the last batch, the comparison became unable to run, or able again."""
+        return []
+
+    @property
+    def tells(self) -> bool:
+        """Whether what was judged tells anything."""
+        return True
+
+    @abstractmethod
+    def why_not(self) -> str:
+        """Why nothing was judged."""
+
+    @property
+    def remark(self) -> str | None:
+        """What else there is to say of a comparison that was judged."""
+        return None
+
+    def numbers(self) -> dict[str, object]:
+        """The report's numbers, in the check's unit."""
+        residual = self.residual.summary(self.scale)
+        return {
+            "coverage": min(self.judged_us / self.alive_us, 1.0) if self.alive_us > 0 else None,
+            "pairs": self.judged,
+            "same_instant": None,
+            "residual": residual,
+            "raw": residual,
+            "tilt": None,
+            "heading": None,
+        }
+
+    @property
+    def scale(self) -> float:
+        """From the values' own unit to the report's."""
+        return math.degrees(1.0) if self.unit.startswith("deg") else 1.0
+
+    def _watch(self, t_us: Int64s, value: Floats, judged: Mask) -> None:
+        """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""
+        if not len(t_us):
+            return
+        latest = np.maximum.accumulate(
+            np.concatenate(([t_us[0] if self._watched_us is None else self._watched_us], t_us))
+        )
+        self._watched_us = int(latest[-1])
+        stands_for = np.minimum(np.diff(latest), _LONGEST_US)
+        self.alive_us += int(stands_for.sum())
+        self.judged_us += int(stands_for[judged].sum())
+        self.judged += int(judged.sum())
+        self.residual.add(value[judged])
+
+
+def rated(
+    t_us: Int64s,
+    frame_index: Int64s,
+    value: Floats,
+    limit: Floats | float,
+    delays: AlarmSettings,
+    detail: Floats | None = None,
+) -> Rated:
+    """Samples against a limit; without `detail`, a value has no direction."""
+    bad = value > limit
+    low = value <= delays.clear_below * limit
+    return Rated(t_us, frame_index, value, bad, low, np.full((len(value), 5), np.nan) if detail is None else detail)
+
+
+def between_attitudes(bad: Mask, q_a: Floats, q_b: Floats) -> Floats:
+    """The detail (n, 5) of b seen from a, where `bad`: tilt, heading and the rotation vector in body axes, rad."""
+    detail = np.full((len(bad), 5), np.nan)
+    if bad.any():
+        a, b = q_a[bad], q_b[bad]
+        tilt, heading = attitude.tilt_heading_between(a, b)
+        turn = attitude.rotvec_from_quaternion(attitude.multiply(attitude.conjugate(a), b))
+        detail[bad] = np.column_stack((tilt, heading, turn))
+    return detail
+
+
+def along(vector_b: Floats) -> Floats:
+    """The detail (n, 5) of a difference that is a vector in body axes, and no rotation of the attitude."""
+    return np.hstack((np.full((len(vector_b), 2), np.nan), vector_b))
+
+
+def length(v: Floats) -> Floats:
+    """The lengths (n,) of vectors (n, 3)."""
+    return np.asarray(np.sqrt(v[:, 0] ** 2 + v[:, 1] ** 2 + v[:, 2] ** 2))
+
+
+class ImuCheck(Check):
+    """A check of an inertial sensor, whose numbers may mean nothing: RAW_IMU's unit is not always known."""
+
+    judges: ClassVar[Literal["f_b_m_s2", "w_b_rad_s"]]  # which of its numbers
+
+    def __init__(self) -> None:
+        """Start with no sensor heard."""
+        super().__init__()
+        self._scale: str | None = None
+        self._usable = Usable()
+
+    def _follow_scale(self, batch: CheckBatch) -> None:
+        """Take in what the sensor's numbers mean."""
+        self._usable.breaks = []
+        if batch.imu is not None:
+            samples, frame_index = batch.imu
+            self._scale = samples.scale
+            self._usable.follow(finite(getattr(samples, self.judges)), samples.t_boot_us, frame_index)
+
+    @property
+    def broken(self) -> str | None:
+        """Why the sensor's numbers mean nothing."""
+        return self._scale if self._usable.broken else None
+
+    def breaks(self) -> list[Break]:
+        """Where the sensor's numbers lost or got their meaning."""
+        return self._usable.breaks
+
+    @property
+    def remark(self) -> str | None:
+        """The unit that was taken for the numbers, where none is defined."""
+        return self._scale if self._scale is not None and self._scale.startswith("assumed") else None

@@ -1,0 +1,51 @@
+"""What is followed of a vehicle within one boot."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gcs_bridge.alarms.record import AlarmRecord
+from gcs_bridge.checks.base import Check
+from gcs_bridge.events import utc
+from gcs_bridge.judging.diagnosis_cases import DiagnosisCases
+from gcs_bridge.judging.estimator_resets import Resets
+from gcs_bridge.pairing.pairs import Aligner
+from gcs_bridge.pairing.references import ImuLookup, PrimaryImu, ReferenceAttitude
+from gcs_bridge.settings import Settings
+from gcs_bridge.telemetry.stream_liveness import Liveness
+
+
+class Boot:
+    """What is followed within one boot of the vehicle."""
+
+    def __init__(self, index: int, frame_index: int, t_boot_us: int, t_rx_us: int, settings: Settings) -> None:
+        """Start with the boot's first message: the frame and its times."""
+        self.index = index
+        self.frame_index = frame_index
+        self.first_us = self.last_us = t_boot_us
+        self.start_rx_us = t_rx_us - t_boot_us if t_rx_us >= 0 else -1
+        self.aligner = Aligner(settings.alignment, settings.reset)
+        self.liveness = Liveness(settings.stream)
+        self.attitude = ReferenceAttitude()
+        self.resets = Resets()
+        self.diagnosis_cases = DiagnosisCases(settings)
+        self.asked: dict[str, AlarmRecord] = {}  # alarms that stand, about which the doctor is asked
+        self.imu = PrimaryImu()
+        self.imu_lookup = ImuLookup()
+        self.alive = [False, False]  # the two streams
+        self.no_compare_told = False
+
+    def has_sources(self, check: Check) -> bool:
+        """Whether the streams come that a check needs."""
+        return {"both": all(self.alive), "quaternion": self.alive[1], "any": any(self.alive), "nothing": True}[
+            check.needs
+        ]
+
+    def entry(self) -> dict[str, Any]:
+        """The boot's entry in the report."""
+        return {
+            "index": self.index,
+            "first_boot_s": self.first_us / 1e6,
+            "last_boot_s": self.last_us / 1e6,
+            "start_utc": utc(self.start_rx_us),
+        }

@@ -1,0 +1,122 @@
+"""How a vehicle moves, by its attitude and an accelerometer: acceleration, and velocity and displacement since rest.
+
+Each inertial sample is seen by the attitude at its own time, interpolated, so it waits for the attitude behind it. What
+comes out does not depend on how the samples were cut into batches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs_bridge import attitude
+from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.pairing.references import MAX_GAP_US, ImuWithAttitude
+
+
+@dataclass(frozen=True)
+class MotionSamples:
+    """The motion at n inertial samples, in order of time; NaN where it is not known.
+
+    `t_boot_us`, `t_rx_us` (n,) of the sample, µs, −1 where the receive time is unknown;
+    `a_h_m_s2` (n, 3) acceleration in the level frame: along the nose, to the right, down;
+    `v_h_m_s`, `d_h_m` (n, 3) velocity and displacement since the last rest, in the level frame of now, not known before
+    there was one; `v_bound_m_s`, `d_bound_m` (n,) the bounds of their drift;
+    `accelerometer_down_b`, `attitude_down_b` (n, 3) down as each of the two sees it, unit vectors in body axes;
+    `apart_rad` (n,) the angle between them; `accelerometer_down_n` (n, 3) the first in NED, [0, 0, 1] if they are one;
+    `heading_rad` (n,) in [0, 2π).
+    """
+
+    t_boot_us: Int64s
+    t_rx_us: Int64s
+    a_h_m_s2: Floats
+    v_h_m_s: Floats
+    d_h_m: Floats
+    v_bound_m_s: Floats
+    d_bound_m: Floats
+    accelerometer_down_b: Floats
+    attitude_down_b: Floats
+    accelerometer_down_n: Floats
+    apart_rad: Floats
+    heading_rad: Floats
+
+    def __len__(self) -> int:
+        return len(self.t_boot_us)
+
+
+class MotionTracker:
+    """The motion of one vehicle within one boot."""
+
+    def __init__(self, hold_us: int = 0) -> None:
+        """Start before the boot's first sample.
+
+        `hold_us`: let samples gather for so long before working on them; a few cost as much as a hundred.
+        """
+        self._hold_us = hold_us
+        self._worked_us = -1
+        self._now_us = -1
+        self._held: list[ImuWithAttitude] = []
+        self._latest_us = -MAX_GAP_US - 1
+        self._watch = attitude.RestWatch()
+        self._reckoner = attitude.DeadReckoner()
+        self._rested = False  # and no gap has come since
+
+    def feed(self, batch: CheckBatch) -> MotionSamples | None:
+        """The motion at inertial samples, of this batch and before, that an attitude has come behind; None: at none.
+
+        Samples without a meaning, or not later than one before them, are left out.
+        """
+        if len(batch.imu_with_attitude):
+            self._held.append(batch.imu_with_attitude)
+            self._now_us = int(batch.imu_with_attitude.t_boot_us[-1])
+        if abs(self._now_us - self._worked_us) < self._hold_us:
+            return None
+        self._worked_us = self._now_us
+        return self.flush()
+
+    def flush(self) -> MotionSamples | None:
+        """The same for all that was held."""
+        if not self._held:
+            return None
+        seen = ImuWithAttitude.joined(self._held)
+        self._held = []
+        f_b = attitude.rotate(attitude.quaternion_from_rotvec(seen.trim_b_rad), seen.f_b_m_s2)
+        usable = np.isfinite(f_b).all(axis=1)
+        return self._moved(seen[usable], f_b[usable]) if usable.any() else None
+
+    def _moved(self, seen: ImuWithAttitude, f_b: Floats) -> MotionSamples:
+        t_s, q_nb = np.asarray(seen.t_boot_us * 1e-6, np.float64), seen.q_nb
+        measured = np.isfinite(seen.w_b_rad_s).all(axis=1, keepdims=True)
+        w_b = np.where(measured, seen.w_b_rad_s, seen.w1_b_rad_s)
+        stands = seen.stands & attitude.may_stand_still(q_nb, f_b)
+        resting = self._watch.feed(t_s, f_b, w_b, stands)
+        reckoned = self._reckoner.feed(t_s, q_nb, f_b, resting)
+        unknown = ~self._since_rest(seen.t_boot_us, resting)
+        for part in reckoned:
+            part[unknown] = np.nan
+        down_b = attitude.down_from_specific_force(f_b)
+        return MotionSamples(
+            t_boot_us=seen.t_boot_us,
+            t_rx_us=seen.t_rx_us,
+            a_h_m_s2=attitude.acceleration_level(q_nb, f_b),
+            v_h_m_s=attitude.level_from_ned(q_nb, reckoned.velocity_n_m_s),
+            d_h_m=attitude.level_from_ned(q_nb, reckoned.displacement_n_m),
+            v_bound_m_s=reckoned.velocity_bound_m_s,
+            d_bound_m=reckoned.displacement_bound_m,
+            accelerometer_down_b=down_b,
+            attitude_down_b=attitude.body_down(q_nb),
+            accelerometer_down_n=attitude.rotate(q_nb, down_b),
+            apart_rad=attitude.accelerometer_tilt(q_nb, f_b),
+            heading_rad=attitude.heading(q_nb),
+        )
+
+    def _since_rest(self, t_us: Int64s, resting: Mask) -> Mask:
+        """At which samples (n,) the motion is known: there was a rest, and no gap since."""
+        gap = np.diff(t_us, prepend=self._latest_us) > MAX_GAP_US
+        decided = np.concatenate(([True], gap | resting))
+        last = np.maximum.accumulate(np.where(decided, np.arange(len(decided)), 0))
+        known: Mask = np.concatenate(([self._rested], resting))[last][1:]
+        self._latest_us, self._rested = int(t_us[-1]), bool(known[-1])
+        return known

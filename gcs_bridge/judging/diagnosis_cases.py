@@ -1,0 +1,195 @@
+"""Keeps what a vehicle sent lately, and asks the convention doctor about every disagreement that becomes an alarm.
+
+The first answer comes with the alarm; better ones as the disagreement goes on, when it has lasted twice as long as at
+the one before. Each rests on the frames up to its own, however the input was cut.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.expected import CAUSE_NAMES, Corrected
+from gcs_bridge.pairing.pairs import Pairs
+from gcs_bridge.settings import Settings
+from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples, no_attitudes
+
+_KEPT_US = 30_000_000  # without a disagreement: what an onset may reach back, and clean data before it
+_LONGEST_US = 40_000_000  # of a disagreement: more data tells no more
+_FIRST_AGAIN_US = 2_000_000
+_CLEAN_US = 10_000_000
+_CLEAN_PAIRS = 5
+_CLEAN_RAD = math.radians(0.003)
+_RESET_NEAR_US = 2_000_000
+_RESETS_KEPT_US = 120_000_000
+
+
+@dataclass(frozen=True)
+class SentBatch:
+    """What one batch brought of both streams within a boot.
+
+    The samples as sent, with what was expected of them; the pairs with their angles, and which are above their limit.
+    """
+
+    euler: AttitudeSamples
+    euler_frame_index: Int64s
+    corrected: Corrected
+    quaternion: AttitudeSamples
+    quaternion_frame_index: Int64s
+    pairs: Pairs
+    pair_frame_index: Int64s
+    angle_rad: Floats
+    bad: Mask
+
+    @cached_property
+    def latest_us(self) -> int:
+        """The latest time of any sample in it."""
+        return max((int(of.t_boot_us.max()) for of in (self.euler, self.quaternion) if len(of)), default=-1)
+
+
+class Answer(NamedTuple):
+    """A diagnosis, known with the frame `frame_index` at `t_boot_us`."""
+
+    frame_index: int
+    t_boot_us: int
+    entry: dict[str, Any] | None
+
+
+@dataclass
+class _Case:
+    """One disagreement that is being followed: since when, and when it is asked about again."""
+
+    onset_us: int
+    again_us: int
+    until_us: int
+
+
+class DiagnosisCases:
+    """Of one vehicle within one boot; alarms are known by any name."""
+
+    def __init__(self, settings: Settings) -> None:
+        """Start with nothing sent."""
+        self._settings = settings
+        self._kept: deque[SentBatch] = deque()
+        self._latest_us = -1
+        self._cases: dict[str, _Case] = {}
+        self._resets: list[tuple[int, int]] = []  # frame_index and boot time; the last few
+
+    def keep(self, sent: SentBatch) -> None:
+        """Remember a batch; forget what no disagreement needs any more."""
+        self._kept.append(sent)
+        self._latest_us = max(self._latest_us, sent.latest_us)
+        needed_us = min((case.onset_us - _CLEAN_US for case in self._cases.values()), default=self._latest_us)
+        while self._kept and self._kept[0].latest_us < min(self._latest_us - _KEPT_US, needed_us):
+            self._kept.popleft()
+
+    def reset_at(self, frame_index: int, t_boot_us: int) -> None:
+        """The estimator was reset, as the frame `frame_index` showed."""
+        self._resets.append((frame_index, t_boot_us))
+        latest_us = max(at_us for _, at_us in self._resets)
+        self._resets = [one for one in self._resets if one[1] >= latest_us - _RESETS_KEPT_US]
+
+    def open(self, name: str, onset_us: int, raised_us: int) -> None:
+        """An alarm was raised, at `raised_us`, about a disagreement that began at `onset_us`."""
+        after_us = _FIRST_AGAIN_US
+        while onset_us + after_us <= raised_us:
+            after_us *= 2
+        self._cases[name] = _Case(onset_us, onset_us + after_us, onset_us + _LONGEST_US)
+
+    def close(self, name: str) -> None:
+        """The alarm has gone."""
+        self._cases.pop(name, None)
+
+    def due(self, name: str, until_frame_index: int | None = None) -> Iterator[tuple[int, int]]:
+        """Ordinal and time of the frames of the last batch at which an alarm is to be asked about again."""
+        case = self._cases.get(name)
+        if case is None or not self._kept:
+            return
+        pairs, frame_indices = self._kept[-1].pairs, self._kept[-1].pair_frame_index
+        latest = np.maximum.accumulate(pairs.t_boot_us)
+        while case.again_us <= case.until_us:
+            row = int(np.searchsorted(latest, case.again_us))
+            if row == len(latest) or (until_frame_index is not None and frame_indices[row] >= until_frame_index):
+                return
+            case.again_us = case.onset_us + 2 * (case.again_us - case.onset_us)
+            yield int(frame_indices[row]), int(latest[row])
+
+    def ask(self, name: str, frame_index: int, t_boot_us: int, *, of_norm: bool) -> Answer:
+        """What explains the disagreement, or the quaternions' norm, by all that came up to the frame `frame_index`."""
+        case = self._cases[name]
+        from gcs_bridge import diagnosis  # only here: most vehicles have no use for a doctor
+
+        window = diagnosis.Window(**self._window(case, frame_index))
+        if of_norm:
+            found = diagnosis.diagnose_norm(window.quaternion)
+        else:
+            found = diagnosis.diagnose(window, self._settings.alignment)
+        return Answer(frame_index, t_boot_us, None if found is None else found.entry())
+
+    def _window(self, case: _Case, frame_index: int) -> dict[str, Any]:
+        """What was sent from the onset on, as the doctor's window wants it."""
+        until_us = min(case.onset_us + _LONGEST_US, self._last_bad_us(case.onset_us, frame_index))
+        euler, quaternion = [no_attitudes(ATTITUDE)], [no_attitudes(ATTITUDE_QUATERNION)]
+        origin: list[tuple[int, Int64s]] = []  # of the Euler samples: the batch kept, and their rows in it
+        for index, sent in enumerate(self._kept):
+            for parts, samples, frame_indices in (
+                (euler, sent.euler, sent.euler_frame_index),
+                (quaternion, sent.quaternion, sent.quaternion_frame_index),
+            ):
+                inside = (
+                    (samples.t_boot_us >= case.onset_us)
+                    & (samples.t_boot_us <= until_us)
+                    & (frame_indices <= frame_index)
+                )
+                rows = np.flatnonzero(inside)
+                parts.append(samples[rows])
+                if parts is euler:
+                    origin.append((index, rows))
+        batch = np.concatenate([np.full(len(rows), index) for index, rows in origin])
+        row = np.concatenate([rows for _, rows in origin])
+        kept = list(self._kept)
+        untold = [kept[index].corrected.untold[rows] for index, rows in origin]
+        trims = int(np.bitwise_or.reduce(np.concatenate(untold))) if untold else 0
+
+        def attitude_of(rpy_rad: Floats, asked: Int64s) -> Floats:
+            q_nb = np.empty((len(rpy_rad), 4))
+            for index in np.unique(batch[asked]).tolist():
+                mine = np.flatnonzero(batch[asked] == index)
+                q_nb[mine] = kept[index].corrected.undo(rpy_rad[mine], row[asked][mine])
+            return q_nb
+
+        return {
+            "euler": AttitudeSamples.joined(euler),
+            "quaternion": AttitudeSamples.joined(quaternion),
+            "attitude_of": attitude_of,
+            "clean_before": self._clean_before(case.onset_us),
+            "trims": tuple(name for bit, name in CAUSE_NAMES.items() if trims & bit),
+            "reset": any(
+                known <= frame_index and abs(t_us - case.onset_us) < _RESET_NEAR_US for known, t_us in self._resets
+            ),
+        }
+
+    def _last_bad_us(self, onset_us: int, frame_index: int) -> int:
+        """When both last disagreed, as of a frame: what came behind is no part of the disagreement."""
+        bad_us = [
+            sent.pairs.t_boot_us[sent.bad & (sent.pair_frame_index <= frame_index) & (sent.pairs.t_boot_us >= onset_us)]
+            for sent in self._kept
+        ]
+        return max((int(times.max()) for times in bad_us if len(times)), default=onset_us + _LONGEST_US)
+
+    def _clean_before(self, onset_us: int) -> bool:
+        """Whether both forms agreed to the noise floor for some time before."""
+        angles = []
+        for sent in self._kept:
+            t_us = sent.pairs.t_boot_us
+            before = sent.pairs.same_instant & (t_us < onset_us) & (t_us >= onset_us - _CLEAN_US)
+            angles.append(sent.angle_rad[before])
+        known = np.concatenate(angles) if angles else np.empty(0)
+        return len(known) >= _CLEAN_PAIRS and float(np.median(known)) < _CLEAN_RAD

@@ -1,0 +1,127 @@
+"""Estimator resets: one step of the attitude that its rates deny, in every stream that shows it, and then calm again.
+
+Two such steps in a row are no reset but a fault of the stream's kinematics, which is a check's affair.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gcs_bridge import attitude
+from gcs_bridge.columns import Int64s
+from gcs_bridge.pairing.steps import Steps
+from gcs_bridge.telemetry.link_clock import LinkClock
+from gcs_bridge.telemetry.statements import FlagsSet, Statement, TextSaid
+
+_ALIVE_US = 1_000_000  # a stream that came so lately must show the step too
+_TEXTS = 8
+_TEXT_AGE_US = 10_000_000
+_TEXT_WORDS = ("yaw", "ekf", "lane", "ahrs", "estimator", "mag", "gyro", "attitude", "heading")
+
+
+class _Step(NamedTuple):
+    stream: int
+    frame_index: int
+    t0_us: int
+    t1_us: int
+    tilt_rad: float
+    heading_rad: float
+
+
+class Reset(NamedTuple):
+    """A reset of the estimator, known at the frame `frame_index`: between `t0_us` and `t1_us` of boot time.
+
+    `tilt_rad`, `heading_rad` of the new attitude seen from the old one.
+    """
+
+    frame_index: int
+    t0_us: int
+    t1_us: int
+    tilt_rad: float
+    heading_rad: float
+
+
+class Resets:
+    """Finds resets in the steps of both streams, within one boot."""
+
+    def __init__(self) -> None:
+        """Start before the first step."""
+        self._last_denied = [False, False]
+        self._open: list[_Step | None] = [None, None]  # a lone denied step, until the next step shows that it was one
+        self._alone: list[_Step | None] = [None, None]  # one that waits for the other stream's
+        self._heard_us = [-_ALIVE_US, -_ALIVE_US]
+
+    def take(self, steps: tuple[Steps, Steps], frame_indices: tuple[Int64s, Int64s]) -> list[Reset]:
+        """Follow the next steps; return the resets that they complete."""
+        events: list[tuple[int, int, int]] = []  # frame_index, stream, row: of steps at which something may happen
+        for k in (0, 1):
+            denied = steps[k].contradicts_rates
+            near = denied.copy()
+            near[1:] |= denied[:-1]
+            if len(near):
+                near[0] |= self._last_denied[k] or self._open[k] is not None
+            events += [(int(frame_indices[k][row]), k, row) for row in np.flatnonzero(near).tolist()]
+        resets = []
+        for frame_index, k, row in sorted(events):
+            resets += self._step(
+                k, steps[k], row, frame_index, self._heard(1 - k, steps[1 - k], frame_indices[1 - k], frame_index)
+            )
+        for k in (0, 1):
+            if len(steps[k]):
+                self._heard_us[k] = int(steps[k].t1_us[-1])
+                self._last_denied[k] = bool(steps[k].contradicts_rates[-1])
+        return resets
+
+    def _heard(self, k: int, steps: Steps, frame_indices: Int64s, frame_index: int) -> int:
+        """When stream `k` was last heard, as of a frame."""
+        row = int(np.searchsorted(frame_indices, frame_index, side="right")) - 1
+        return int(steps.t1_us[row]) if row >= 0 else self._heard_us[k]
+
+    def _step(self, k: int, steps: Steps, row: int, frame_index: int, other_heard_us: int) -> list[Reset]:
+        before = self._last_denied[k] if row == 0 else bool(steps.contradicts_rates[row - 1])
+        if steps.contradicts_rates[row]:
+            self._open[k] = None
+            if not before:
+                tilt, heading = attitude.tilt_heading_between(steps.q0_nb[row], steps.q1_nb[row])
+                t0_us, t1_us = int(steps.t0_us[row]), int(steps.t1_us[row])
+                self._open[k] = _Step(k, frame_index, t0_us, t1_us, float(tilt), float(heading))
+            return []
+        step, self._open[k] = self._open[k], None
+        if step is None:
+            return []
+        other, self._alone[1 - k] = self._alone[1 - k], None
+        if other is not None and other.t1_us > step.t0_us and step.t1_us > other.t0_us:
+            return [self._reset(step, frame_index)]
+        if step.t1_us - other_heard_us >= _ALIVE_US:
+            return [self._reset(step, frame_index)]
+        self._alone[k] = step
+        return []
+
+    def _reset(self, step: _Step, frame_index: int) -> Reset:
+        return Reset(frame_index, step.t0_us, step.t1_us, step.tilt_rad, step.heading_rad)
+
+
+class Statements:
+    """What a vehicle said lately that may explain a reset."""
+
+    def __init__(self) -> None:
+        """Start with nothing said."""
+        self._said: list[tuple[int, int, str]] = []  # frame_index, receive time, text
+
+    def take(self, told: list[Statement], link: LinkClock) -> None:
+        """Take the next statements; of those before this batch only the last few are kept."""
+        self._said = self._said[-_TEXTS:]
+        for say in told:
+            if isinstance(say, TextSaid) and any(word in say.text.lower() for word in _TEXT_WORDS):
+                self._said.append((say.frame_index, link.at(say.frame_index), say.text))
+            elif isinstance(say, FlagsSet):
+                self._said.append(
+                    (say.frame_index, link.at(say.frame_index), f"{say.what} {say.before} -> {say.value}")
+                )
+
+    def before(self, frame_index: int, t_rx_us: int) -> list[str]:
+        """The last ones that came with or before a frame, seconds before it at most."""
+        known = [said for said in self._said if said[0] <= frame_index][-_TEXTS:]
+        return [text for _, said_us, text in known if t_rx_us - said_us <= _TEXT_AGE_US]

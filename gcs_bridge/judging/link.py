@@ -1,0 +1,229 @@
+"""One link or recording: its frames, the vehicles on it, its clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge.alarms.manager import AlarmManager
+from gcs_bridge.columns import Int64s
+from gcs_bridge.events import Event, Notice, Rank, in_order, make_event
+from gcs_bridge.judging.observation import Observer
+from gcs_bridge.judging.vehicle import VehicleJudge
+from gcs_bridge.mavlink.dialect import Dialect
+from gcs_bridge.mavlink.scan import FRAME, Bytes, Frames
+from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
+from gcs_bridge.report.verdicts import worst_verdict
+from gcs_bridge.settings import Settings
+from gcs_bridge.telemetry.batches import VehicleBatch
+from gcs_bridge.telemetry.component import VehicleReader
+from gcs_bridge.telemetry.link_clock import LinkClock, latest_rx
+from gcs_bridge.telemetry.vehicle_presence import Presence
+
+Datagram = tuple[bytes, int]  # with its receive time, µs since 1970
+_FRAME_BYTES = np.dtype((np.void, FRAME.itemsize))
+FrameObserver = Callable[[int | str, Sequence[RawFrame]], None]
+
+
+class LinkVehicle:
+    """One (system, component) of a link, which may turn out to be a vehicle."""
+
+    def __init__(self, reader: VehicleReader, judge: VehicleJudge) -> None:
+        self.reader = reader
+        self.judge = judge
+        self._presence = Presence()
+        self._seen = False
+        self._held: list[Notice] = []  # until it is known to be one
+
+    def take(self, batch: VehicleBatch, frame_indices: Int64s, link: LinkClock) -> list[Notice]:
+        """Judge what a batch brought, in its frames `frame_indices`."""
+        return self._release([*self._turns(frame_indices, link), *self.judge.take(batch, frame_indices, link)])
+
+    def advance(self, link: LinkClock) -> list[Notice]:
+        """Time passed on the link and nothing of this vehicle came."""
+        return self._release([*self._turns(np.empty(0, np.int64), link), *self.judge.advance(link)])
+
+    def _turns(self, frame_indices: Int64s, link: LinkClock) -> Iterator[Notice]:
+        for turn in self._presence.take(frame_indices, link):
+            event = make_event(
+                "vehicle_lost" if turn.lost else "vehicle_seen", self.reader.key, None, None, turn.t_rx_us
+            )
+            yield Notice(turn.frame_index, event, Rank.IDENTITY)
+
+    def _release(self, notices: list[Notice]) -> list[Notice]:
+        """The notices to pass on: those at which it is a vehicle; earlier ones come behind the news that it is one."""
+        if not self._seen:
+            self._held += notices
+            if self.reader.seen is None:
+                return []
+            frame_index, t_rx_us = self.reader.seen
+            self._seen = True
+            seen = make_event("vehicle_seen", self.reader.key, 0, None, t_rx_us)
+            held = (
+                notice._replace(frame_index=max(notice.frame_index, frame_index))
+                for notice in in_order(self._held)
+                if notice.rank is not Rank.IDENTITY
+                or notice.frame_index > frame_index  # was it lost before it was known?
+            )
+            notices = [Notice(frame_index, seen, Rank.IDENTITY), *held]
+            self._held = []
+        return [notice for notice in notices if self.reader.is_vehicle_at(notice.frame_index)]
+
+
+class Link:
+    """One link or recording: its frames, the vehicles on it, its clock."""
+
+    def __init__(
+        self,
+        scanner: Scanner,
+        datagrams: bool,
+        dialect: Dialect,
+        settings: Settings,
+        sysid: int | None,
+        window_s: tuple[float | None, float | None],
+        observer: Observer | None,
+    ) -> None:
+        self.frames = 0
+        self.in_window = 0
+        self.on_frames: Callable[[Sequence[RawFrame]], None] | None = None
+        self._scanner = scanner
+        self._datagrams = datagrams
+        self._dialect = dialect
+        self._settings = settings
+        self._sysid = sysid
+        self._window_s = window_s
+        self._observer = observer
+        self._start_us: int | None = None
+        self._latest_rx_us = -1
+        self._vehicles: dict[int, LinkVehicle] = {}
+
+    @property
+    def span_us(self) -> int:
+        """From the first receive time to the last, µs."""
+        return 0 if self._start_us is None else self._latest_rx_us - self._start_us
+
+    def feed(self, data: bytes | bytearray | memoryview, t_rx_us: int, *, final: bool = False) -> list[Event]:
+        """Take the next bytes, or one datagram."""
+        return self.feed_pieces(((data, t_rx_us),), final=final)
+
+    def feed_pieces(
+        self, pieces: Sequence[tuple[bytes | bytearray | memoryview, int]], *, final: bool = False
+    ) -> list[Event]:
+        """Scan piece after piece, each with its own borders, and judge what they hold as one batch."""
+        scanner = self._scanner
+        found: list[Frames] = []
+        buffers: list[Bytes] = []
+        size = 0
+        for data, t_rx_us in pieces:
+            frames = scanner.scan(data, t_rx_us=t_rx_us, final=final or self._datagrams)
+            if self.on_frames is not None and len(scanner.all_frames):
+                self.on_frames(scanner.raw_frames())
+            frames["payload"] += size  # the index in all buffers together
+            found.append(frames)
+            buffers.append(scanner.buffer)
+            size += len(scanner.buffer)
+        if not any(map(len, found)):
+            return []
+        if len(found) == 1:
+            return events_of(self._judge(found[0], buffers[0]))
+        # As plain bytes: numpy takes long to join structured arrays.
+        frames = np.concatenate([frames.view(_FRAME_BYTES) for frames in found]).view(FRAME)
+        return events_of(self._judge(frames, np.concatenate(buffers)))
+
+    def advance(self, t_rx_us: int) -> list[Event]:
+        """Time has come to `t_rx_us` and nothing came."""
+        if t_rx_us <= self._latest_rx_us:
+            return []
+        self._latest_rx_us = t_rx_us
+        clock = LinkClock(np.array([self.frames]), np.array([t_rx_us]))
+        return events_of(notice for vehicle in self._vehicles.values() for notice in vehicle.advance(clock))
+
+    def alarm_managers(self) -> Iterator[AlarmManager]:
+        """Of its vehicles."""
+        return (vehicle.judge.alarm_manager for vehicle in self._vehicles.values())
+
+    def finish(self) -> list[Event]:
+        """Nothing follows."""
+        return [] if self._datagrams else self.feed(b"", self._latest_rx_us, final=True)
+
+    def entry(self, name: str) -> dict[str, Any]:
+        """The link's entry in the report."""
+        vehicles = [
+            vehicle.judge.entry(vehicle.reader)
+            for _, vehicle in sorted(self._vehicles.items())
+            if vehicle.reader.is_vehicle
+        ]
+        salvage = self._scanner.salvage
+        return {
+            "path": name,
+            "bytes": salvage.bytes,
+            "verdict": worst_verdict(vehicle["verdict"] for vehicle in vehicles),
+            "salvage": salvage_entry(salvage),
+            "vehicles": vehicles,
+        }
+
+    def _judge(self, frames: Frames, buffer: Bytes) -> Iterator[Notice]:
+        frame_indices = np.arange(self.frames, self.frames + len(frames))
+        self.frames += len(frames)
+        latest_rx_us = latest_rx(frames["t_rx_us"], self._latest_rx_us)
+        self._latest_rx_us = int(latest_rx_us[-1])
+        if self._start_us is None and latest_rx_us[-1] > 0:
+            self._start_us = int(frames["t_rx_us"][frames["t_rx_us"] > 0][0])  # a damaged first time reads as 0
+        in_window = self._in_window(frames["t_rx_us"])
+        self.in_window += int(in_window.sum())
+        component = frames["sysid"].astype(np.int64) * 256 + frames["compid"]
+        wanted = frames["duplicate"] == 0
+        if self._sysid is not None:
+            wanted &= frames["sysid"] == self._sysid
+        clock = LinkClock(frame_indices, latest_rx_us)
+        present = np.flatnonzero(np.bincount(component[wanted])).tolist()
+        for key in present:
+            rows = np.flatnonzero(wanted & (component == key))
+            vehicle = self._vehicles.get(key) or self._new_vehicle(key)
+            batch = vehicle.reader.read(buffer, np.take(frames, rows), frame_indices[rows], in_window[rows])
+            yield from vehicle.take(batch, frame_indices[rows], clock)
+        for key in self._vehicles.keys() - set(present):
+            vehicle = self._vehicles[key]
+            yield from vehicle.advance(clock)
+
+    def _new_vehicle(self, key: int) -> LinkVehicle:
+        sysid, compid = divmod(key, 256)
+        reader = VehicleReader(sysid, compid, self._dialect, self._settings.vehicle)
+        vehicle = LinkVehicle(reader, VehicleJudge((sysid, compid), self._settings, self._observer))
+        self._vehicles[key] = vehicle
+        return vehicle
+
+    def _in_window(self, t_rx_us: Int64s) -> npt.NDArray[np.bool_]:
+        start_us = self._start_us or 0
+        inside = np.ones(len(t_rx_us), np.bool_)
+        from_s, to_s = self._window_s
+        if from_s is not None:
+            inside &= t_rx_us >= start_us + from_s * 1e6
+        if to_s is not None:
+            inside &= t_rx_us < start_us + to_s * 1e6
+        return inside
+
+
+def events_of(notices: Iterable[Notice]) -> list[Event]:
+    """The events alone, in order."""
+    return [notice.event for notice in in_order(notices)]
+
+
+def salvage_entry(salvage: Salvage) -> dict[str, Any]:
+    """What was read of a link or file and what was not, for the report."""
+    return {
+        "frames": salvage.frames,
+        "bad_crc": salvage.bad_crc,
+        "repaired_crc": salvage.repaired_crc,
+        "unverified": salvage.unverified,
+        "skipped_bytes": salvage.skipped_bytes,
+        "signed": salvage.signed,
+        "duplicates": salvage.duplicates,
+        "bad_times": salvage.bad_times,
+        "read_fraction": salvage.read_fraction,
+        "gap_count": salvage.gap_count,
+        "gaps": [{"offset": offset, "bytes": length} for offset, length in salvage.gaps],
+    }

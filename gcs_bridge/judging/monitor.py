@@ -1,0 +1,143 @@
+"""Wires the stages: bytes → frames → samples → judged vehicles → events and report.
+
+No I/O and no clock inside: bytes and receive times come as arguments. Live links and recordings go the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+
+from gcs_bridge.alarms.manager import AlarmManager
+from gcs_bridge.errors import UsageError
+from gcs_bridge.events import Event, Notice
+from gcs_bridge.judging.link import Datagram, FrameObserver, Link, events_of
+from gcs_bridge.judging.observation import Observer
+from gcs_bridge.judging.vehicle import STREAMS
+from gcs_bridge.mavlink.dialect import Dialect, load_dialect
+from gcs_bridge.mavlink.scanner import Scanner
+from gcs_bridge.report import Report
+from gcs_bridge.settings import Settings, load_settings
+
+_RECORDING = "recording"
+
+
+class Monitor:
+    """Judges links and recordings as their bytes come.
+
+    Fed with `feed` (a link's bytes) or `feed_recording` (a .tlog's), in pieces cut anywhere; the events that a piece
+    brought about come back as dicts with the contract's keys. `close` returns the report.
+    """
+
+    def __init__(
+        self,
+        profile: str = "default",
+        *,
+        settings: Settings | None = None,
+        dialect: str = "all",
+        sysid: int | None = None,
+        from_s: float | None = None,
+        to_s: float | None = None,
+        observer: Observer | None = None,
+        on_frames: FrameObserver | None = None,
+    ) -> None:
+        """Take the settings of `profile`, or `settings`; judge `sysid` alone, or between two times after the start.
+
+        `observer` is shown each vehicle's samples and pairs as they are judged; `on_frames` each link's frames as they
+        came, before they are judged: whoever sent them, unknown ids included.
+        Raises UsageError for an unknown profile or dialect.
+        """
+        self._settings = settings or load_settings(profile)
+        self._dialect = open_dialect(dialect)
+        self._sysid = sysid
+        self._window_s = (from_s, to_s)
+        self._observer = observer
+        self._on_frames = on_frames
+        self._links: dict[int | str, Link] = {}
+
+    def open_link(self, link: int, *, datagrams: bool = False) -> None:
+        """Say before its first bytes that `link` brings datagrams: each `feed` is then one, with its borders."""
+        if link in self._links:
+            raise ValueError(f"link {link} is open already")
+        self._new_link(link, timed=False, datagrams=datagrams)
+
+    def feed(self, data: bytes | bytearray | memoryview, t_rx_us: int, link: int = 0) -> list[Event]:
+        """Take the next bytes of a link, or one datagram, received at `t_rx_us` (µs since 1970; −1: unknown)."""
+        found = self._links.get(link) or self._new_link(link, timed=False)
+        return found.feed(data, t_rx_us)
+
+    def feed_datagrams(self, datagrams: Sequence[Datagram], link: int = 0) -> list[Event]:
+        """Take several datagrams of a link at once: the same as one `feed` each, at less cost."""
+        found = self._links.get(link) or self._new_link(link, timed=False, datagrams=True)
+        return found.feed_pieces(datagrams)
+
+    def feed_recording(self, piece: bytes | bytearray | memoryview) -> list[Event]:
+        """Take the next piece of a .tlog, cut anywhere; its records bring their receive times."""
+        found = self._links.get(_RECORDING) or self._new_link(_RECORDING, timed=True)
+        return found.feed(piece, -1)
+
+    def advance(self, t_rx_us: int, link: int | None = None) -> list[Event]:
+        """Time has come to `t_rx_us` and nothing came, on `link` or on any: tell of the deadlines that have passed."""
+        quiet = self._links.values() if link is None else filter(None, [self._links.get(link)])
+        return [event for one in quiet for event in one.advance(t_rx_us)]
+
+    def acknowledge(self, alarm_id: str, t_rx_us: int) -> list[Event]:
+        """Somebody has seen an alarm; UsageError for one that is not known, or was acknowledged before."""
+        return self._answer(alarm_id, lambda manager, frame_index: manager.acknowledge(alarm_id, frame_index, t_rx_us))
+
+    def shelve(self, alarm_id: str, t_rx_us: int, duration_s: float) -> list[Event]:
+        """Tell nothing of an alarm, and of its returns, for `duration_s` of receive time; UsageError as above."""
+        return self._answer(
+            alarm_id, lambda manager, frame_index: manager.shelve(alarm_id, frame_index, t_rx_us, duration_s)
+        )
+
+    def unshelve(self, alarm_id: str, t_rx_us: int) -> list[Event]:
+        """Tell of an alarm again before its time; UsageError for one that is not shelved."""
+        return self._answer(alarm_id, lambda manager, frame_index: manager.unshelve(alarm_id, frame_index, t_rx_us))
+
+    def _answer(self, alarm_id: str, what: Callable[[AlarmManager, int], Iterable[Notice]]) -> list[Event]:
+        for link in self._links.values():
+            for manager in link.alarm_managers():
+                if manager.owns(alarm_id):
+                    return events_of(what(manager, link.frames))
+        raise UsageError(f"unknown alarm {alarm_id!r}")
+
+    def finish(self) -> list[Event]:
+        """Nothing follows: decide what is still undecided, and tell what comes of it."""
+        return [event for link in self._links.values() for event in link.finish()]
+
+    def close(self) -> Report:
+        """Nothing follows: report, one entry a link. Who wants the last events calls `finish` before."""
+        self.finish()
+        return Report(tuple(link.entry(str(name)) for name, link in self._links.items()))
+
+    @property
+    def window_is_empty(self) -> bool:
+        """Whether frames were read, and none of them within the times to judge."""
+        links = self._links.values()
+        return any(link.frames for link in links) and not any(link.in_window for link in links)
+
+    @property
+    def span_s(self) -> float:
+        """From the first receive time to the last, over all links."""
+        return max((link.span_us for link in self._links.values()), default=0) / 1e6
+
+    def _new_link(self, name: int | str, *, timed: bool, datagrams: bool = False) -> Link:
+        scanner = Scanner(self._dialect, timed=timed)
+        link = Link(scanner, datagrams, self._dialect, self._settings, self._sysid, self._window_s, self._observer)
+        if self._on_frames is not None:
+            link.on_frames = partial(self._on_frames, name)
+        self._links[name] = link
+        return link
+
+
+def open_dialect(name: str) -> Dialect:
+    """The dialect `name`; UsageError where pymavlink has none, or it lacks the messages that are compared."""
+    try:
+        dialect = load_dialect(name)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    missing = [stream for stream in STREAMS if stream not in dialect]
+    if missing:
+        raise UsageError(f"dialect {name!r} does not define {' and '.join(missing)}: nothing could be compared")
+    return dialect

@@ -1,0 +1,31 @@
+"""What one batch showed of a vehicle, for whoever looks on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.checks.euler_quaternion import Disagreement
+from gcs_bridge.events import Notice
+from gcs_bridge.expected import Corrected
+from gcs_bridge.pairing.pairs import Pairs
+from gcs_bridge.telemetry.batches import BootSegment
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What one batch showed of a vehicle: its samples, the pairs they made, the disagreement of each pair, and all
+    that its checks were given; how the Euler angles were corrected, and what was told of alarms in consequence.
+    """
+
+    vehicle: tuple[int, int]
+    segment: BootSegment
+    pairs: Pairs
+    disagreement: Disagreement
+    flight: CheckBatch
+    corrected: Corrected
+    notices: tuple[Notice, ...]
+
+
+Observer = Callable[[Observation], None]

@@ -1,0 +1,1 @@
+"""Live links: the only sockets and serial ports, and the loop that listens to them."""

@@ -1,0 +1,114 @@
+"""What a link's URI says: pymavlink's own forms, told apart and checked before anything is opened."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from gcs_bridge.errors import UsageError
+
+__all__ = ["NetworkUri", "SerialUri", "Uri", "parse_uri"]
+
+
+@dataclass(frozen=True)
+class NetworkUri:
+    """`udpin:HOST:PORT`: wait there for datagrams; `tcp:HOST:PORT`: connect there."""
+
+    kind: Literal["udpin", "tcp"]
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.host}:{self.port}"
+
+
+@dataclass(frozen=True)
+class SerialUri:
+    """A serial device (`/dev/ttyACM0`, `COM3`) and its speed in bits a second."""
+
+    device: str
+    baud: int
+
+    def __str__(self) -> str:
+        return self.device
+
+
+Uri = NetworkUri | SerialUri
+_REFUSED = {
+    "udpout": (
+        "udpout: cannot receive before it has sent, and sending is not enabled: "
+        "let the vehicle send here, and listen to it with udpin:0.0.0.0:PORT"
+    ),
+    "udpbcast": "udpbcast: cannot receive before it has sent, and sending is not enabled",
+    "tcpin": "tcpin: is not supported yet: let the other side listen, and connect to it with tcp:HOST:PORT",
+    "mcast": "mcast: is not supported yet: use udpin:HOST:PORT",
+}
+_KNOWN = ("udpin", "tcp", *_REFUSED)
+_NEAREST = {"udp": "udpin", "udpi": "udpin", "upd": "udpin", "serial": "/dev/ttyACM0"}
+
+
+def parse_uri(text: str, *, baud: int = 115200) -> Uri:
+    """The link that `text` names; a serial device without a speed of its own (`/dev/ttyACM0,57600`) gets `baud`.
+
+    Raises UsageError for a scheme that is unknown, not supported yet or would have to send, and for a malformed one.
+
+    >>> parse_uri("udpin:0.0.0.0:14550")
+    NetworkUri(kind='udpin', host='0.0.0.0', port=14550)
+    >>> parse_uri("/dev/ttyACM0", baud=57600)
+    SerialUri(device='/dev/ttyACM0', baud=57600)
+    """
+    if _is_path(text):
+        return _serial(text, baud)
+    scheme, colon, rest = text.partition(":")
+    if not colon:
+        hint = f": it is a recording, judge it with 'gcs-bridge check {text}'" if os.path.isfile(text) else _forms()
+        raise UsageError(f"{text!r} is no link{hint}")
+    if scheme in _REFUSED:
+        raise UsageError(_REFUSED[scheme])
+    if scheme == "udpin":
+        return NetworkUri("udpin", *_address(text, rest))
+    if scheme == "tcp":
+        return NetworkUri("tcp", *_address(text, rest))
+    raise UsageError(f"unknown kind of link {scheme + ':'!r}{_hint(scheme, rest)}")
+
+
+def _is_path(text: str) -> bool:
+    return text.startswith(("/", "./", "../", "\\\\.\\")) or re.fullmatch(r"(?i)COM\d+(,\d+)?", text) is not None
+
+
+def _serial(text: str, baud: int) -> SerialUri:
+    if os.path.isfile(text):
+        raise UsageError(f"{text} is a file, no link: judge a recording with 'gcs-bridge check {text}'")
+    device, comma, own_baud = text.rpartition(",")
+    if comma and own_baud.isdecimal() and int(own_baud) > 0 and not Path(text).exists():
+        return SerialUri(device, int(own_baud))
+    return SerialUri(text, baud)
+
+
+def _address(text: str, rest: str) -> tuple[str, int]:
+    host, _, port = rest.rpartition(":")
+    form = f"{text!r} must be as {text.partition(':')[0]}:127.0.0.1:14550"
+    if ":" in host:
+        raise UsageError(f"{form}: IPv6 is not supported yet" if port.isdecimal() else form)
+    if not host:
+        raise UsageError(form)
+    if not (port.isdecimal() and port.isascii() and 1 <= int(port) <= 65535):
+        raise UsageError(f"{form}: the port must be from 1 to 65535")
+    return host, int(port)
+
+
+def _hint(scheme: str, rest: str) -> str:
+    if rest.isdecimal():  # HOST:PORT, which pymavlink takes for UDP
+        return f"; did you mean 'udpin:{scheme}:{rest}'?"
+    near = _NEAREST.get(scheme.lower()) or next(iter(difflib.get_close_matches(scheme.lower(), _KNOWN, n=1)), None)
+    if near is None:
+        return _forms()
+    return f"; did you mean {near + ':' + rest if near in _KNOWN else near!r}?"
+
+
+def _forms() -> str:
+    return "; links are udpin:HOST:PORT, tcp:HOST:PORT and serial devices as /dev/ttyACM0"

@@ -1,0 +1,1 @@
+"""Recordings: read as arrays, judged, falsified."""

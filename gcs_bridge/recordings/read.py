@@ -1,0 +1,105 @@
+"""A recording as arrays: all attitude and inertial samples of each vehicle in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gcs_bridge.judging.monitor import open_dialect
+from gcs_bridge.mavlink.decode import gather
+from gcs_bridge.mavlink.dialect import Dialect
+from gcs_bridge.mavlink.scan import scan_kernel
+from gcs_bridge.mavlink.scanner import Salvage, Scanner
+from gcs_bridge.recordings.source import announce_compiling, opened, pieces_of, start_us_of
+from gcs_bridge.settings import VehicleSettings
+from gcs_bridge.telemetry.component import VehicleReader
+from gcs_bridge.telemetry.samples import (
+    ATTITUDE,
+    ATTITUDE_QUATERNION,
+    IMU_MESSAGES,
+    AttitudeSamples,
+    ImuSamples,
+    no_attitudes,
+    no_imu,
+)
+
+
+@dataclass(frozen=True)
+class VehicleSamples:
+    """What a recording holds of one vehicle; a message that never came is an empty array."""
+
+    autopilot: str
+    type: str
+    attitude: AttitudeSamples
+    attitude_quaternion: AttitudeSamples
+    raw_imu: ImuSamples
+    scaled_imu: ImuSamples
+    scaled_imu2: ImuSamples
+    scaled_imu3: ImuSamples
+    highres_imu: ImuSamples
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording's samples by vehicle, keyed (system, component), and what was read of the file."""
+
+    path: Path
+    vehicles: Mapping[tuple[int, int], VehicleSamples]
+    salvage: Salvage
+
+
+def read(path: str | Path, *, dialect: str = "all") -> Recording:
+    """All attitude and inertial samples of a recording (.tlog, or a stream without times), as arrays.
+
+    Raises SourceError where the file cannot be used, UsageError for an unknown dialect.
+    """
+    path = Path(path)
+    tables = open_dialect(dialect)
+    with opened(path) as file:
+        announce_compiling(scan_kernel, gather)
+        scanner = Scanner(tables, timed=start_us_of(file, tables, path) is not None)
+        gathered: dict[int, _Gathered] = {}
+        n_frames = 0
+        for piece, last in pieces_of(file):
+            frames = scanner.scan(piece, t_rx_us=-1, final=last)
+            frame_indices = np.arange(n_frames, n_frames + len(frames))
+            n_frames += len(frames)
+            component = frames["sysid"].astype(np.int64) * 256 + frames["compid"]
+            for key in np.unique(component).tolist():
+                rows = np.flatnonzero((component == key) & (frames["duplicate"] == 0))
+                source = gathered.get(key) or gathered.setdefault(key, _Gathered(key // 256, key % 256, tables))
+                source.take(scanner, frames[rows], frame_indices[rows])
+    vehicles = {
+        source.reader.key: source.samples() for _, source in sorted(gathered.items()) if source.reader.is_vehicle
+    }
+    return Recording(path, vehicles, scanner.salvage)
+
+
+class _Gathered:
+    """The samples of one (system, component), piece by piece."""
+
+    def __init__(self, sysid: int, compid: int, dialect: Dialect) -> None:
+        self.reader = VehicleReader(sysid, compid, dialect, VehicleSettings())
+        self._attitude = [no_attitudes(ATTITUDE)]
+        self._quaternion = [no_attitudes(ATTITUDE_QUATERNION)]
+        self._imu: dict[str, list[ImuSamples]] = {}
+
+    def take(self, scanner: Scanner, frames: np.ndarray[Any, np.dtype[np.void]], frame_indices: Any) -> None:
+        batch = self.reader.read(scanner.buffer, frames, frame_indices, np.ones(len(frames), np.bool_))
+        self._attitude += [segment.euler for segment in batch.segments]
+        self._quaternion += [segment.quaternion for segment in batch.segments]
+        for name, inertial in batch.imu.items():
+            self._imu.setdefault(name, []).append(inertial.samples)
+
+    def samples(self) -> VehicleSamples:
+        return VehicleSamples(
+            self.reader.autopilot,
+            self.reader.type,
+            AttitudeSamples.joined(self._attitude),
+            AttitudeSamples.joined(self._quaternion),
+            *(ImuSamples.joined(self._imu.get(name) or [no_imu(name)]) for name in IMU_MESSAGES),
+        )

@@ -1,0 +1,132 @@
+"""Recordings: files read in pieces, and told apart."""
+
+from __future__ import annotations
+
+import stat
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from gcs_bridge.errors import SourceError, UsageError
+from gcs_bridge.events import Event
+from gcs_bridge.jit import needs_compiling
+from gcs_bridge.judging.monitor import Monitor, open_dialect
+from gcs_bridge.mavlink.decode import gather
+from gcs_bridge.mavlink.dialect import Dialect
+from gcs_bridge.mavlink.scan import scan_kernel
+from gcs_bridge.mavlink.scanner import Scanner
+from gcs_bridge.pairing.kernel import match_kernel
+
+_PIECE = 3 * 2**19  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
+_PROBE = 2**18  # bytes by which a recording is told from a stream without times
+# Other flight logs by their first bytes, each with the tool that reads it.
+_FOREIGN = (
+    (
+        b"\xa3\x95",
+        "an on-board log (ArduPilot .bin, PX4 .px4log), not telemetry: use MAVExplorer or pymavlink",
+    ),
+    (b"ULog\x01\x12\x35", "a PX4 .ulg on-board log, not telemetry: open it with pyulog or CheckBatch Review"),
+    (b"\x89MCAP0\r\n", "an MCAP file, not telemetry: open it with Foxglove"),
+    (b"RRF", "a rerun recording, not telemetry: open it with `rerun`"),
+    (b"\x1f\x8b", "compressed: unpack it with gunzip first"),
+    (b"PK\x03\x04", "a zip archive: unpack it first"),
+)
+
+
+class Source:
+    """A recording that is being read: its bytes in pieces, to be fed to a monitor as what they are."""
+
+    def __init__(self, file: BinaryIO, path: Path, start_us: int | None) -> None:
+        """Read from `file`; `start_us`: its first record's time, µs since 1970, None for a stream without times."""
+        self.start_us = start_us
+        self.timed = start_us is not None
+        self.size = file.seek(0, 2)
+        self._file = file
+        self._path = path
+
+    def need_times(self, so_that: str) -> None:
+        """Raise UsageError, with what is impossible, if there are no record times."""
+        if not self.timed:
+            raise UsageError(f"{self._path}: has no record times, so {so_that}")
+
+    def pieces(self, length: Callable[[], int] = lambda: _PIECE) -> Iterator[bytes]:
+        """All its bytes from the first, each piece as long as `length` says when it is read."""
+        self._file.seek(0)
+        while piece := self._file.read(length()):
+            yield piece
+
+    def feed(self, monitor: Monitor, piece: bytes) -> list[Event]:
+        """Give a piece to `monitor`; the events that it brought about."""
+        return monitor.feed_recording(piece) if self.timed else monitor.feed(piece, -1)
+
+
+@contextmanager
+def open_recording(path: Path, dialect: str = "all", *, judged: bool = True) -> Iterator[Source]:
+    """The recording, open; SourceError where it cannot be used, also later while it is read."""
+    with opened(path) as file:
+        announce_compiling(scan_kernel, *([gather, match_kernel] if judged else []))
+        yield Source(file, path, start_us_of(file, open_dialect(dialect), path))
+
+
+def announce_compiling(*kernels: Any) -> None:
+    """Say before the wait that the kernels are compiled now: it happens once on a machine, and takes seconds."""
+    if needs_compiling(*kernels):
+        sys.stderr.write("gcs-bridge: compiling its kernels, once on this machine (some seconds)\n")
+        sys.stderr.flush()
+
+
+_ADVICE = {
+    FileNotFoundError: ": look at the path, or name the folder that it is in",
+    PermissionError: ": ask its owner, or copy it to where you may read it",
+    IsADirectoryError: ": name a file in it",
+}
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """The file, open for reading; SourceError in one line for whatever keeps it from being read."""
+    try:
+        if not path.is_dir() and not stat.S_ISREG(path.stat().st_mode):
+            raise SourceError(f"{path}: a pipe or device, not a file: save what comes from it to a file first")
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        what = (error.strerror or str(error)).lower()
+        raise SourceError(f"{path}: cannot be read: {what}{_ADVICE.get(type(error), '')}") from None
+
+
+def pieces_of(file: BinaryIO) -> Iterator[tuple[bytes, bool]]:
+    """The file's bytes, and with each piece whether it is the last."""
+    file.seek(0)
+    piece = file.read(_PIECE)
+    while piece:
+        following = file.read(_PIECE)
+        yield piece, not following
+        piece = following
+
+
+def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
+    """The first record's time of a .tlog, None for a stream without times.
+
+    They are told apart by which reading finds the frames in the file's beginning. Read as a stream, a .tlog shows its
+    frames too, so the reading with times wins unless it misses most of them.
+    Raises SourceError for a file that is empty, another format, or without a frame.
+    """
+    file.seek(0)
+    while probe := file.read(_PROBE):
+        for magic, what in _FOREIGN:
+            if file.tell() == len(probe) and probe.startswith(magic):
+                raise SourceError(f"{path}: {what}")
+        timed = Scanner(dialect, timed=True).scan(probe, final=True)
+        stream = Scanner(dialect, timed=False).scan(probe, final=True)
+        if len(timed) or len(stream):
+            known_us = timed["t_rx_us"][timed["t_rx_us"] > 0]  # a damaged time reads as 0
+            return int(next(iter(known_us), 0)) if len(timed) * 2 > len(stream) else None
+    if not file.tell():
+        raise SourceError(f"{path}: the file is empty: copy or record it again")
+    raise SourceError(
+        f"{path}: no valid MAVLink frame in {file.tell()} bytes: not a telemetry recording; "
+        "a ground station's .tlog, .raw or .rlog is one"
+    )

@@ -1,0 +1,32 @@
+"""What an alarm says, in words: the same in a report and as it happens."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+__all__ = ["difference", "quantity"]
+_UNITS = {"deg": "°", "deg/s": " °/s", "": "", "1": ""}
+
+
+def difference(alarm: Mapping[str, Any]) -> str:
+    """What it says, how large it grew, and where the difference lies."""
+    said = f"{alarm['what']}: {quantity(alarm['peak'], alarm['unit'])}"
+    axis = alarm["axis"] or ""
+    if alarm["tilt"] is not None:
+        said += f", tilt {quantity(alarm['tilt'], 'deg')}, heading {quantity(alarm['heading'], 'deg')}"
+        axis = axis[axis.find("about") :] if "about" in axis else ""
+    if axis:
+        said += f", {axis}"
+    if alarm["grouped"] in ("chatter", "flood"):
+        said += f"; {alarm['grouped']}"
+    return said
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """A number in hundredths of a degree, what is smaller being nothing to act on; else with three digits."""
+    if value is None or math.isnan(value):
+        return "unknown"
+    number = f"{value:.2f}" if unit == "deg" else f"{value:.3g}"
+    return number + _UNITS.get(unit, f" {unit}")

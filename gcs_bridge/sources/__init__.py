@@ -1,1 +1,0 @@
-"""The only sockets and serial ports: live links, opened by pymavlink and read by us. Nothing is ever sent."""

@@ -1,0 +1,104 @@
+"""What a vehicle says of itself beside its motion: modes, parameters, texts, in order of arrival.
+
+Each statement carries the frame_index of its frame: it holds for what comes behind it. Nothing is judged here.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge.columns import Floats, Int64s
+
+
+class ParameterSet(NamedTuple):
+    """A PARAM_VALUE: the parameter has this value."""
+
+    frame_index: int
+    name: str
+    value: float
+
+
+class ModeSet(NamedTuple):
+    """A HEARTBEAT that says something else than the one before.
+
+    `autopilot` and `type` as in the report ("ardupilot", "fixed_wing"); `custom_mode` is the firmware's own number.
+    """
+
+    frame_index: int
+    autopilot: str
+    type: str
+    custom_mode: int
+    armed: bool
+
+
+class LandedSet(NamedTuple):
+    """An EXTENDED_SYS_STATE: whether the vehicle is on the ground, None where it does not know."""
+
+    frame_index: int
+    landed: bool | None
+
+
+class TextSaid(NamedTuple):
+    """A STATUSTEXT."""
+
+    frame_index: int
+    text: str
+
+
+class FlagsSet(NamedTuple):
+    """The estimator's flags or reset counter changed; `what` names the message and its field."""
+
+    frame_index: int
+    what: str
+    before: int
+    value: int
+
+
+Statement = ParameterSet | ModeSet | LandedSet | TextSaid | FlagsSet
+
+
+class StepSignal:
+    """A value that holds from one frame on until another comes, looked up by frame."""
+
+    def __init__(self, value: float = np.nan) -> None:
+        """Hold `value` before anything was told; NaN: unknown."""
+        self._frame_indices: Int64s = np.array([-1])
+        self._values: Floats = np.array([value])
+
+    def put(self, frame_indices: Int64s, values: Floats) -> None:
+        """Take the next values, in order of arrival; they are kept until `forget`."""
+        self._frame_indices = np.concatenate((self._frame_indices, frame_indices))
+        self._values = np.concatenate((self._values, values))
+
+    def at(self, frame_indices: Int64s) -> Floats:
+        """The values (n,) that held when the frames `frame_indices` (n,) came."""
+        return np.asarray(self._values[np.searchsorted(self._frame_indices, frame_indices, side="right") - 1])
+
+    def forget(self, frame_index: int) -> None:
+        """Nothing will be asked about frames before this one."""
+        passed = int(np.searchsorted(self._frame_indices, frame_index, side="right")) - 1
+        self._frame_indices, self._values = self._frame_indices[passed:], self._values[passed:]
+
+
+def parameters(records: npt.NDArray[np.void], frame_indices: Int64s, autopilot: str) -> Iterator[ParameterSet]:
+    """PARAM_VALUE messages. PX4 sends an integer's bits in the float's place, ArduPilot its value (MAVLink docs)."""
+    for record, frame_index in zip(records, frame_indices.tolist(), strict=True):
+        name = bytes(record["param_id"]).split(b"\0")[0].decode("ascii", "replace")
+        value = float(record["param_value"])
+        bits = _INTEGER_BITS.get(int(record["param_type"])) if autopilot == "px4" else None
+        if bits is not None:
+            value = float(struct.unpack(bits, record["param_value"].tobytes())[0])
+        yield ParameterSet(frame_index, name, value)
+
+
+_INTEGER_BITS = {1: "<Bxxx", 2: "<bxxx", 3: "<Hxx", 4: "<hxx", 5: "<I", 6: "<i"}  # MAV_PARAM_TYPE
+
+
+def text_of(record: Any) -> str:
+    """The text of a STATUSTEXT, as far as this one frame carries it."""
+    return bytes(record["text"]).split(b"\0")[0].decode("utf-8", "replace").strip()

@@ -1,0 +1,268 @@
+"""Alarm stories: votes, delays, deadband. Time is in the samples; every moment is worked by hand."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs_bridge.alarms.rated import Rated
+from gcs_bridge.alarms.state import Alarm, State
+from gcs_bridge.settings import AlarmSettings
+
+LIMIT = 1.0
+RECURRING_S = 10.0
+GOOD, HIGH, BAD = 0.1, 0.9, 5.0  # below 70 % of the limit, between that and the limit, above the limit
+
+Statement = list[tuple[int, str, str, float]]  # ms, state before, state, worst so far
+
+
+def rated(story: Sequence[tuple[int, float]]) -> Rated:
+    """(ms, value) as the check hands them over."""
+    value = np.array([v for _, v in story], np.float64)
+    t_us = np.array([t * 1000 for t, _ in story], np.int64)
+    detail = value[:, None] * np.arange(1, 6)  # five numbers that tell whose they are
+    return Rated(t_us, np.arange(len(value)), value, value > LIMIT, value <= 0.7 * LIMIT, detail)
+
+
+def told(story: Sequence[tuple[int, float]], cuts: Sequence[int] = (), **changed: float) -> tuple[Statement, Alarm]:
+    """Every change of state while the story is told, cut into batches; the places count through."""
+    alarm = Alarm(AlarmSettings(**changed), RECURRING_S)
+    changes: Statement = []
+    for lo, hi in pairwise([0, *cuts, len(story)]):
+        for change in alarm.feed(rated(story[lo:hi])):
+            assert story[lo + change.place][0] * 1000 <= change.t_boot_us  # later where that sample itself was late
+            assert change.worst.detail.tolist() == [change.worst.value * n for n in range(1, 6)]
+            changes.append((change.t_boot_us // 1000, change.before.value, change.state.value, change.worst.value))
+    return changes, alarm
+
+
+def moments(story: Sequence[tuple[int, float]], **changed: float) -> list[tuple[int, str]]:
+    return [(ms, state) for ms, _, state, _ in told(story, **changed)[0]]
+
+
+def run(first_ms: int, last_ms: int, value: float, step_ms: int = 100) -> list[tuple[int, float]]:
+    return [(t, value) for t in range(first_ms, last_ms + 1, step_ms)]
+
+
+def test_health_is_silent() -> None:
+    """An hour of good samples: nothing is said."""
+    assert told(run(0, 3_600_000, GOOD, 1000))[0] == []
+
+
+def test_a_lasting_fault_is_pending_with_the_third_bad_sample_and_raised_a_second_later() -> None:
+    """Bad from 10.0 s on, ten samples a second: pending at 10.2 s, raised at 11.2 s, once."""
+    assert moments(run(0, 9900, GOOD) + run(10_000, 60_000, BAD)) == [(10_200, "pending"), (11_200, "raised")]
+
+
+def test_three_of_five_suffice() -> None:
+    """Every second sample bad on end: of five at most three are, and that is a vote."""
+    story = [(t, BAD if i % 2 == 0 else GOOD) for i, (t, _) in enumerate(run(0, 20_000, 0.0))]
+    assert moments(story)[0][1] == "pending"
+    two_in_five = [(t, BAD if i % 5 in (0, 2) else GOOD) for i, (t, _) in enumerate(run(0, 20_000, 0.0))]
+    assert moments(two_in_five) == []
+
+
+@pytest.mark.parametrize("outliers", [1, 2])
+def test_lone_outliers_raise_nothing(outliers: int) -> None:
+    """One or two wild samples, 90 times the limit, every few seconds for minutes: no alarm, not even pending."""
+    story = []
+    for minute in range(20):
+        start = minute * 10_000
+        story += run(start, start + 9_900, GOOD)
+        for i in range(outliers):
+            story[-10 - i] = (story[-10 - i][0], 90.0)
+    assert moments(story) == []
+
+
+def test_a_fault_shorter_than_the_delay_is_taken_back() -> None:
+    """Bad for 0.8 s: pending, then normal again, never raised."""
+    story = run(0, 900, GOOD) + run(1000, 1800, BAD) + run(1900, 10_000, GOOD)
+    assert moments(story) == [(1200, "pending"), (2100, "normal")]  # at 2.1 s three of the last five are good
+
+
+def test_the_delay_starts_anew_after_it_was_taken_back() -> None:
+    """Bad, good, bad: the second excursion waits for its own full second."""
+    story = run(0, 800, BAD) + run(900, 1800, GOOD) + run(1900, 5000, BAD)
+    assert moments(story) == [(200, "pending"), (1100, "normal"), (2100, "pending"), (3100, "raised")]
+
+
+def test_the_third_short_excursion_raises() -> None:
+    """Each votes for 0.6 s, 0.2 to 0.8 s behind its begin; 0.3 s into the third they have lasted 1.5 s together."""
+    short = [[*run(t, t + 600, BAD), *run(t + 700, t + 1900, GOOD)] for t in (0, 2000, 4000)]
+    taken_back = [(200, "pending"), (900, "normal"), (2200, "pending"), (2900, "normal")]
+    assert moments(short[0] + short[1]) == taken_back
+    story = [sample for one in short for sample in one]
+    assert moments(story) == [*taken_back, (4200, "pending"), (4500, "raised"), (4900, "clearing")]
+    onsets_us = [change.onset_us for change in Alarm(AlarmSettings(), RECURRING_S).feed(rated(story))]
+    assert onsets_us[4:] == [4_000_000, 0, 0]  # once raised, it began with the first of them
+
+
+def test_short_excursions_far_apart_raise_nothing() -> None:
+    """The first of three is forgotten after ten seconds."""
+    story = [pair for t in (0, 5000, 10_300) for pair in [*run(t, t + 600, BAD), *run(t + 700, t + 4900, GOOD)]]
+    assert "raised" not in [state for _, state in moments(story)]
+
+
+def test_an_alarm_clears_after_two_low_seconds() -> None:
+    """Good from 5.0 s on: low with the third good sample at 5.2 s, cleared at 7.2 s."""
+    story = run(0, 4900, BAD) + run(5000, 20_000, GOOD)
+    assert moments(story) == [(200, "pending"), (1200, "raised"), (5200, "clearing"), (7200, "returned")]
+
+
+def test_between_seventy_percent_and_the_limit_an_alarm_stays() -> None:
+    """The deadband: 90 % of the limit neither raises an alarm nor lets one go."""
+    assert moments(run(0, 60_000, HIGH)) == []
+    story = run(0, 4900, BAD) + run(5000, 60_000, HIGH)
+    assert moments(story) == [(200, "pending"), (1200, "raised")]
+
+
+def test_a_value_that_swings_about_the_limit_raises_one_alarm() -> None:
+    """Three seconds of fault, then ten minutes between 80 % and 120 % of the limit: one alarm, no chatter."""
+    story = run(0, 2900, BAD) + [(t, 1.2 if t // 1000 % 2 else 0.8) for t, _ in run(3000, 600_000, 0.0)]
+    assert moments(story) == [(200, "pending"), (1200, "raised")]
+
+
+def test_a_relapse_while_clearing_is_the_same_alarm() -> None:
+    """Low for 1.5 s, then bad again: still raised; the two seconds start anew."""
+    story = run(0, 4900, BAD) + run(5000, 6500, GOOD) + run(6600, 8000, BAD) + run(8100, 20_000, GOOD)
+    assert moments(story) == [
+        (200, "pending"),
+        (1200, "raised"),
+        (5200, "clearing"),
+        (6800, "raised"),
+        (8300, "clearing"),
+        (10_300, "returned"),
+    ]
+
+
+def test_a_value_in_the_deadband_while_clearing_stops_the_clearing() -> None:
+    """Low for a second, then 90 % of the limit: raised as before, and the two seconds start anew."""
+    story = run(0, 4900, BAD) + run(5000, 6000, GOOD) + run(6100, 7500, HIGH) + run(7600, 20_000, GOOD)
+    assert moments(story)[2:] == [(5200, "clearing"), (6300, "raised"), (7800, "clearing"), (9800, "returned")]
+
+
+def test_a_value_in_the_deadband_while_pending_takes_it_back() -> None:
+    """Bad for 0.3 s, then 90 % of the limit for good: at 0.6 s but two of the last five are bad."""
+    assert moments(run(0, 300, BAD) + run(400, 20_000, HIGH)) == [(200, "pending"), (600, "normal")]
+
+
+def test_two_faults_are_two_alarms() -> None:
+    """Each with its own peak: that of the first is forgotten."""
+    story = run(0, 5000, 50.0) + run(5100, 20_000, GOOD) + run(20_100, 30_000, BAD)
+    raised = [(ms, worst) for ms, _, state, worst in told(story)[0] if state == "raised"]
+    assert raised == [(1200, 50.0), (21_300, BAD)]
+
+
+def test_old_votes_expire() -> None:
+    """At one sample in three seconds, those older than five seconds vote no more: three never come together."""
+    assert moments(run(0, 100_000, BAD, 3000)) == []
+    assert moments(run(0, 100_000, BAD, 2500)) == [(5000, "pending"), (7500, "raised")]
+    assert moments(run(0, 100_000, BAD, 2501)) == []
+
+
+def test_bad_samples_before_a_long_silence_do_not_count_after_it() -> None:
+    """Two bad ones, a minute of nothing, one bad one: no vote."""
+    assert moments([(0, BAD), (100, BAD), (60_000, BAD), (60_100, GOOD), (60_200, GOOD), (60_300, GOOD)]) == []
+
+
+def test_a_pending_alarm_is_taken_back_where_the_votes_have_gone() -> None:
+    """Silence is no second of fault: the first sample behind it alone cannot raise what was pending."""
+    story = [*run(0, 200, BAD), (60_000, BAD), (60_100, GOOD)]
+    assert moments(story) == [(200, "pending"), (60_000, "normal")]
+
+
+def test_the_peak_is_the_largest_of_the_excursion() -> None:
+    """Statement with what came with it, from the samples that made it pending on."""
+    story = [(0, 2.0), (100, 9.0), (200, 3.0), *run(300, 1100, BAD), (1200, 30.0), *run(1300, 5000, BAD)]
+    assert [(state, worst) for _, _, state, worst in told(story)[0]] == [("pending", 9.0), ("raised", 30.0)]
+    assert told(story)[1].worst.value == 30.0
+
+
+def test_an_outlier_from_before_the_window_is_not_the_peak() -> None:
+    """90 degrees a minute ago, at a slow rate still among the last five samples, belong to no excursion of now."""
+    story = [(0, 90.0), (60_000, BAD), (60_100, BAD), (60_200, BAD)]
+    assert [(state, worst) for _, _, state, worst in told(story)[0]] == [("pending", BAD)]
+
+
+def test_a_sample_that_comes_late_does_not_shorten_the_delay() -> None:
+    """Reordered by 4.7 s: the alarm still waits its full second of fault."""
+    story = [(9000, BAD), (9100, BAD), (4400, BAD), (9200, BAD), (9300, BAD), *run(9400, 12_000, BAD)]
+    raised = [ms for ms, state in moments(story) if state == "raised"]
+    assert raised[0] >= 10_000
+
+
+def test_delays_and_votes_are_settings() -> None:
+    """Two of three within the window, half a second on, one second off."""
+    changed = {"bad_samples": 2, "counted_samples": 3, "on_delay_s": 0.5, "off_delay_s": 1.0}
+    story = run(0, 900, GOOD) + run(1000, 4900, BAD) + run(5000, 9000, GOOD)
+    assert moments(story, **changed) == [(1100, "pending"), (1600, "raised"), (5100, "clearing"), (6100, "returned")]
+
+
+def test_without_delays_an_alarm_is_raised_and_cleared_at_once() -> None:
+    """A delay of zero is allowed: pending and raised come with one sample."""
+    story = run(0, 500, BAD) + run(600, 2000, GOOD)
+    expected = [(200, "pending"), (200, "raised"), (800, "clearing"), (800, "returned")]
+    assert moments(story, on_delay_s=0.0, off_delay_s=0.0) == expected
+
+
+_stories = st.lists(
+    st.tuples(
+        st.sampled_from([0, 40, 100, 500, 2600, 9000, -200, -4700]),
+        st.sampled_from([GOOD, HIGH, BAD, 7.0]),
+        st.integers(1, 12),
+    ),
+    max_size=30,
+)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(_stories, st.lists(st.integers(0, 200), max_size=10))
+def test_the_cut_into_batches_changes_nothing(parts: list[tuple[int, float, int]], cuts: list[int]) -> None:
+    """Whole, in pieces, or sample by sample: the same changes at the same samples, with the same peaks."""
+    story, now = [], 10_000
+    for step, value, count in parts:
+        for _ in range(count):
+            now += step
+            story.append((now, value))
+    whole, alarm = told(story)
+    for pieces in (sorted(min(c, len(story)) for c in cuts), list(range(1, len(story)))):
+        changes, in_pieces = told(story, pieces)
+        assert changes == whole
+        assert in_pieces.state is alarm.state
+        if alarm.state not in (State.NORMAL, State.RETURNED):
+            assert in_pieces.worst.value == alarm.worst.value
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(_stories)
+def test_states_follow_one_another_as_the_standard_has_them(parts: list[tuple[int, float, int]]) -> None:
+    """Never raised unless it was pending, nor gone unless it was clearing, never before its delay, and gone it stays
+    latched: nobody acknowledges here.
+    """
+    story, now = [], 10_000
+    for step, value, count in parts:
+        for _ in range(count):
+            now += abs(step)
+            story.append((now, value))
+    changes, _ = told(story)
+    allowed = {
+        ("normal", "pending"),
+        ("pending", "normal"),
+        ("pending", "raised"),
+        ("raised", "clearing"),
+        ("clearing", "raised"),
+        ("clearing", "returned"),
+        ("returned", "returned_pending"),
+        ("returned_pending", "returned"),
+        ("returned_pending", "raised"),
+    }
+    assert all((before, state) in allowed for _, before, state, _ in changes)
+    assert all(a[2] == b[1] for a, b in pairwise(changes))
+    for (pending_ms, _, state, _), (ms, _, following, _) in pairwise(changes):
+        if state.endswith("pending") and following == "raised":
+            assert ms - pending_ms >= 1000
+        if (state, following) == ("clearing", "returned"):
+            assert ms - pending_ms >= 2000

@@ -1,0 +1,208 @@
+"""What the tests of live links share: recorded frames, senders, and `gcs-bridge` as a process."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from gcs_bridge.judging.monitor import Monitor
+from gcs_bridge.links.link import Link
+from gcs_bridge.links.loop import listen
+from gcs_bridge.mavlink.dialect import load_dialect
+from gcs_bridge.mavlink.scanner import RawFrame, Scanner
+from gcs_bridge.recordings.faults import parse_fault
+from gcs_bridge.recordings.inject import inject
+from tests.helpers.paths import FIXTURES
+
+Event = dict[str, Any]
+
+
+def frames_of(recording: bytes) -> list[RawFrame]:
+    """The frames of a .tlog."""
+    scanner = Scanner(load_dialect(), timed=True)
+    scanner.scan(recording, final=True)
+    return scanner.raw_frames()
+
+
+def tlog_of(frames: Sequence[RawFrame]) -> bytes:
+    return b"".join(frame.t_rx_us.to_bytes(8, "big") + frame.data for frame in frames)
+
+
+def fixture(name: str, *, from_s: float = 0.0, to_s: float = 1e6, fault: str | None = None) -> list[RawFrame]:
+    """The frames of a bundled recording between two times, the last third with a fault."""
+    frames = frames_of((FIXTURES / f"{name}.tlog").read_bytes())
+    first_us = frames[0].t_rx_us
+    frames = [frame for frame in frames if from_s * 1e6 <= frame.t_rx_us - first_us < to_s * 1e6]
+    if fault is None:
+        return frames
+    lasts_s = (frames[-1].t_rx_us - frames[0].t_rx_us) / 1e6
+    return frames_of(inject(tlog_of(frames), [parse_fault(fault)], from_s=lasts_s * 2 / 3))
+
+
+def judgement(entry: dict[str, Any]) -> list[dict[str, Any]]:
+    """What a report says of each vehicle, but for what hangs on the receive time."""
+    return [
+        {
+            "key": (vehicle["sysid"], vehicle["compid"]),
+            "verdict": vehicle["verdict"],
+            "boots": [(boot["first_boot_s"], boot["last_boot_s"]) for boot in vehicle["boots"]],
+            "counts": {
+                name: (stream["count"], stream["lost"], stream["invalid"])
+                for name, stream in vehicle["streams"].items()
+            },
+            "checks": [{**check, "coverage": None} for check in vehicle["checks"]],
+            "alarms": [{**alarm, "raised_utc": None} for alarm in vehicle["alarms"]],
+        }
+        for vehicle in entry["vehicles"]
+    ]
+
+
+def recorded_judgement(recording: bytes) -> list[dict[str, Any]]:
+    """The same of a recording, as `check` reads it."""
+    monitor = Monitor()
+    monitor.feed_recording(recording)
+    return judgement(monitor.close().files[0])
+
+
+def free_port(kind: int = socket.SOCK_DGRAM) -> int:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def wait_until(true: Callable[[], bool], seconds: float = 5.0) -> None:
+    """Wait for something that another thread or process does; fail if it does not."""
+    ends_s = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < ends_s, "waited in vain"
+        time.sleep(0.005)
+
+
+def paced(frames: Sequence[RawFrame], send: Callable[[bytes], Any], speed: float) -> None:
+    """Send each frame at its time, `speed` times as fast as it was received."""
+    began_s = time.monotonic()
+    for frame in frames:
+        time.sleep(max(began_s + (frame.t_rx_us - frames[0].t_rx_us) / 1e6 / speed - time.monotonic(), 0))
+        send(frame.data)
+
+
+@contextlib.contextmanager
+def tcp_sender(
+    frames: Sequence[RawFrame], speed: float, *, cut: int | None = None
+) -> Iterator[tuple[int, list[bytes]]]:
+    """A server that plays frames to the first who connects, cut into `cut` bytes where asked, and closes.
+
+    Gives its port, and what it received from the other side.
+    """
+    received: list[bytes] = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            peer, _ = server.accept()
+            with peer, contextlib.suppress(ConnectionError):
+                if cut is None:
+                    paced(frames, peer.sendall, speed)
+                else:
+                    stream = b"".join(frame.data for frame in frames)
+                    for start in range(0, len(stream), cut):
+                        peer.sendall(stream[start : start + cut])
+                        time.sleep(0.001)
+                peer.shutdown(socket.SHUT_WR)
+                peer.settimeout(5)
+                received.append(peer.recv(1))  # b"" once the other side has closed, too
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield server.getsockname()[1], received
+        thread.join()
+
+
+class Live:
+    """`listen` in a thread of this process; what it told is in `events`."""
+
+    def __init__(self, *links: Link, **monitor_options: Any) -> None:
+        self.events: list[Event] = []
+        self.monitor = Monitor(**monitor_options)
+        self._watched = "observer" in monitor_options
+        self._links = links
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def _run(self) -> None:
+        listen(self._links, self.monitor, self.events.append, stop=self._stop.is_set, watched=self._watched)
+
+    def __enter__(self) -> "Live":
+        self._thread.start()
+        wait_until(lambda: self.names().count("link_up") == len(self._links))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self.join()
+        for link in self._links:
+            link.close()
+
+    def join(self, seconds: float = 30.0) -> None:
+        """Wait until it has ended, as it does when every link has."""
+        self._thread.join(seconds)
+        assert not self._thread.is_alive()
+
+    def names(self) -> list[str]:
+        return [event["event"] for event in self.events]
+
+
+PROGRAM = [sys.executable, "-c", "import sys; from gcs_bridge.cli import main; sys.exit(main())"]
+
+
+class Process:
+    """`gcs-bridge` with these arguments; `said` are the lines of its standard output so far."""
+
+    def __init__(self, *arguments: str, program: Sequence[str] = PROGRAM) -> None:
+        stdout, to_stdout = os.pipe()
+        self._process = subprocess.Popen([*program, *arguments], stdout=to_stdout, stderr=subprocess.PIPE, text=True)
+        os.close(to_stdout)
+        self.said: list[str] = []
+        self._unread = b""
+        self._stdout = stdout
+        os.set_blocking(stdout, False)
+
+    def __enter__(self) -> "Process":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.communicate()
+        self.close_stdout()
+
+    def close_stdout(self) -> None:
+        """Read no more of it: who writes to it finds a broken pipe."""
+        if self._stdout >= 0:
+            os.close(self._stdout)
+            self._stdout = -1
+
+    def wait_for(self, words: str, seconds: float = 20.0) -> None:
+        wait_until(lambda: any(words in line for line in self._read()), seconds)
+
+    def signal(self, number: signal.Signals) -> None:
+        self._process.send_signal(number)
+
+    def ended(self, seconds: float = 30.0) -> tuple[int, str]:
+        """Its exit code and what it wrote to standard error, once it has ended."""
+        _, errors = self._process.communicate(timeout=seconds)
+        self._read()
+        return self._process.returncode, errors
+
+    def _read(self) -> list[str]:
+        with contextlib.suppress(BlockingIOError):
+            while self._stdout >= 0 and (data := os.read(self._stdout, 65536)):
+                *lines, self._unread = (self._unread + data).split(b"\n")
+                self.said += [line.decode() + "\n" for line in lines]
+        return self.said

@@ -1,0 +1,221 @@
+"""The same bytes give the same events and the same report, however they were cut and whichever way they came."""
+
+import json
+import random
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gcs_bridge import Monitor
+from gcs_bridge.recordings.faults import parse_fault
+from gcs_bridge.recordings.inject import inject
+from tests.helpers import wire
+from tests.helpers.paths import FIXTURES as SITL
+from tests.helpers.wire import records
+
+ALL = sorted(path.stem for path in SITL.glob("*.tlog"))
+# A fitted trim, two vehicles, a reboot, damage, a stream that stops, two firmwares, views, no common instant, resets.
+TELLING = [
+    *("d_plane_pitchtrim3", "e_two_vehicles", "f_reboot", "h_lossy_dirty", "k8_stream_stops", "k5_three_vehicles"),
+    *("d_tailsitter", "b2_mixed_rates", "k12_yaw_reset"),
+]
+
+Json = dict[str, Any]
+
+
+def recording(name: str) -> bytes:
+    return (SITL / f"{name}.tlog").read_bytes()
+
+
+def story(data: bytes, size: Callable[[], int]) -> tuple[str, str]:
+    """Events and report, as JSON, of a recording fed in pieces."""
+    monitor = Monitor()
+    events: list[Json] = []
+    at = 0
+    while at < len(data):
+        piece = data[at : at + size()]
+        events += monitor.feed_recording(piece)
+        at += len(piece)
+    return json.dumps(events), json.dumps(monitor.close().to_dict())
+
+
+def any_size(seed: str) -> Callable[[], int]:
+    """Sizes at random, from one byte to 64 KiB: as many small ones as large ones."""
+    chance = random.Random(seed)
+    return lambda: int(2 ** chance.uniform(0, 16))
+
+
+def live(frames: list[tuple[int, bytes]], *, datagrams: bool) -> tuple[list[Json], Json]:
+    """Events and the link's entry of frames that come one a call."""
+    monitor = Monitor()
+    monitor.open_link(0, datagrams=datagrams)
+    events = [event for t_us, frame in frames for event in monitor.feed(frame, t_us)]
+    (entry,) = monitor.close().to_dict()["files"]
+    return events, entry
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_cut_anywhere(name: str) -> None:
+    """Whole, in pieces of 64 KiB, or of any sizes: events and report are the same to the last bit."""
+    data = recording(name)
+    whole = story(data, lambda: len(data))
+    assert story(data, lambda: 65536) == whole
+    assert story(data, any_size(name)) == whole
+
+
+@pytest.mark.parametrize("name", TELLING)
+def test_cut_into_single_bytes(name: str) -> None:
+    """A recording's telling part, byte by byte, gives the events and the report of the whole part."""
+    begin, end = {
+        "f_reboot": (55_000, 80_000),  # the restart
+        "k8_stream_stops": (115_000, 160_000),  # 31 stops
+        "d_tailsitter": (80_000, 110_000),  # the view switches
+        "e_two_vehicles": (0, 25_000),
+        "k12_yaw_reset": (50_000, 75_000),  # both resets
+    }.get(name, (0, 20_000))
+    part = recording(name)[begin:end]
+    whole = story(part, lambda: len(part))
+    assert story(part, lambda: 1) == whole
+    happened = {event["event"] for event in json.loads(whole[0])}
+    expected = {"f_reboot": "reboot", "k8_stream_stops": "alarm_raised", "k12_yaw_reset": "estimator_reset"}
+    assert expected.get(name, "vehicle_seen") in happened
+
+
+# What happens to a link, as made-up flights: (record time, frame).
+def _reordered() -> list[tuple[int, bytes]]:
+    flown = wire.flight(wire.Motion(8), 6)
+    chance = random.Random(0)
+    for at in chance.sample(range(0, len(flown) - 8, 8), 20):
+        frames = [frame for _, frame in flown[at : at + 8]]
+        chance.shuffle(frames)
+        flown[at : at + 8] = [(t_us, frame) for (t_us, _), frame in zip(flown[at : at + 8], frames, strict=True)]
+    return flown
+
+
+def _two_fall_silent() -> list[tuple[int, bytes]]:
+    flown = [
+        r for sysid, compid in ((1, 1), (2, 0)) for r in wire.flight(wire.Motion(6), 4, sysid=sysid, compid=compid)
+    ]
+    beats = [
+        (wire.START_US + s * 1_000_000, wire.heartbeat(autopilot=8, vehicle=6, sysid=255, compid=190, seq=s))
+        for s in range(12)
+    ]
+    return sorted(flown + beats, key=lambda record: record[0])
+
+
+def _clock_steps() -> list[tuple[int, bytes]]:
+    return wire.flight(wire.Motion(6), 4) + wire.flight(
+        wire.Motion(6, seed=1), 4, boot_ms=114_000, start_us=wire.START_US + 4_000_000
+    )
+
+
+def _restart_after_a_silence() -> list[tuple[int, bytes]]:
+    return wire.flight(wire.Motion(6), 4) + wire.flight(
+        wire.Motion(6, seed=1), 4, boot_ms=500, start_us=wire.START_US + 15_000_000
+    )
+
+
+def _heartbeat_behind_the_attitudes() -> list[tuple[int, bytes]]:
+    flown = [r for r in wire.flight(wire.Motion(8), 4) if r[1][7] != 0]  # byte 7 of a v2 frame: the message id
+    return [*flown[:50], (flown[49][0], wire.heartbeat(seq=250)), *flown[50:]]
+
+
+def _companion_behind_its_attitudes() -> list[tuple[int, bytes]]:
+    flown = [r for r in wire.flight(wire.Motion(8), 4, compid=191) if r[1][7] != 0]
+    beat = wire.heartbeat(autopilot=wire.NO_AUTOPILOT, vehicle=18, compid=191, seq=250)  # MAV_TYPE_ONBOARD_CONTROLLER
+    return [*flown[:50], (flown[49][0], beat), *flown[50:]]
+
+
+def _wrapped_clock() -> list[tuple[int, bytes]]:
+    return wire.flight(wire.Motion(8), 6, boot_ms=2**32 - 3000)
+
+
+@pytest.mark.parametrize(
+    "happening",
+    [_reordered, _two_fall_silent, _clock_steps, _restart_after_a_silence, _heartbeat_behind_the_attitudes,
+     _companion_behind_its_attitudes, _wrapped_clock],
+)  # fmt: skip
+def test_cut_anywhere_whatever_happens(happening: Callable[[], list[tuple[int, bytes]]]) -> None:
+    """What no recording here shows, told the same way however it is cut: whole, one frame or 37 bytes a piece."""
+    flown = happening()
+    data = wire.tlog(flown)
+    whole = story(data, lambda: len(data))
+    sizes = iter([8 + len(frame) for _, frame in flown])
+    assert story(data, lambda: next(sizes)) == whole
+    assert story(data, lambda: 37) == whole
+
+
+# What the sender gets wrong for sixteen seconds, so that its alarms are raised, asked about and cleared.
+MISTAKES = [
+    *("quaternion_conjugate", "yaw_offset:25", "time_skew", "quaternion_unnormalised", "frozen_euler", "euler_degrees"),
+    *("mount_offset:0,0.4,0",),
+]
+
+
+@pytest.mark.parametrize("fault", ["loss:0.2", "reorder:0.3", "duplicate:0.2", "corrupt:0.003", *MISTAKES])
+def test_cut_anywhere_with_a_fault(fault: str) -> None:
+    """A recording with a fault of the link or the sender is told the same way however it is cut."""
+    span = {"from_s": 8.0, "to_s": 24.0} if fault in MISTAKES else {}
+    data = inject(recording("c_copter_4hz"), [parse_fault(fault)], **span)
+    whole = story(data, lambda: len(data))
+    assert story(data, any_size(fault)) == whole
+    odd = random.Random(fault)
+    assert story(data, lambda: odd.randrange(1, 999, 2)) == whole
+    raised = [event for event in json.loads(whole[0]) if event["event"] == "alarm_raised"]
+    assert bool(raised) == (fault in MISTAKES)
+
+
+def test_cut_anywhere_without_times() -> None:
+    """A stream without times is judged the same in any pieces, and as the recording was."""
+    faulty = inject(recording("d_plane_pitchtrim3"), [parse_fault("yaw_offset:25")], from_s=12.0)
+    data = b"".join(frame for _, frame in records(faulty))
+
+    def fed(size: int) -> tuple[list[Json], Json]:
+        monitor = Monitor()
+        events = [event for at in range(0, len(data), size) for event in monitor.feed(data[at : at + size], -1)]
+        return events, monitor.close().to_dict()["files"][0]
+
+    whole = fed(len(data))
+    assert fed(613) == whole
+    assert all(event["utc"] is None for event in whole[0])
+    timed = json.loads(story(faulty, lambda: 65536)[1])["files"][0]
+    assert whole[1]["vehicles"][0]["checks"] == timed["vehicles"][0]["checks"]
+    (alarm,), (timed_alarm,) = whole[1]["vehicles"][0]["alarms"], timed["vehicles"][0]["alarms"]
+    assert alarm == timed_alarm | {"raised_utc": None}
+
+
+@pytest.mark.parametrize(
+    ("name", "begin", "end", "datagrams"),
+    [("d_plane_pitchtrim3", 0, 800, True), ("e_two_vehicles", 0, 1500, True), ("f_reboot", 800, 2000, True),
+     ("k5_three_vehicles", 0, 1500, True), ("k8_stream_stops", 2600, 3300, True), ("g_signed", 0, 800, False),
+     ("b2_mixed_rates", 0, 1000, False), ("k12_yaw_reset", 1000, 1700, False)],
+)  # fmt: skip
+def test_live_as_recorded(name: str, begin: int, end: int, datagrams: bool) -> None:
+    """Frames that come one by one over a link, as a stream or as datagrams, are judged as their recording is."""
+    frames = list(records(recording(name)))[begin:end]
+    data = wire.tlog(frames)
+    told, report = story(data, lambda: len(data))
+    (recorded,) = json.loads(report)["files"]
+    events, entry = live(frames, datagrams=datagrams)
+    assert entry["vehicles"] == recorded["vehicles"]
+    assert entry["verdict"] == recorded["verdict"]
+    assert events == json.loads(told)
+
+
+def test_live_with_damage_is_as_recorded() -> None:
+    """A link that corrupts bytes raises the same alarm, with the same peak, as the stream's recording."""
+    faults = [parse_fault("yaw_offset:25"), parse_fault("loss:0.1")]
+    data = inject(recording("c_copter_4hz"), faults, from_s=10.0)
+    frames = list(records(data))[900:2000]
+    chance = np.random.default_rng(1)
+    damaged = [
+        (t_us, frame if chance.random() > 0.05 else frame[:9] + bytes([frame[9] ^ 0x55]) + frame[10:])
+        for t_us, frame in frames
+    ]
+    (recorded,) = json.loads(story(wire.tlog(damaged), lambda: 65536)[1])["files"]
+    for datagrams in (False, True):
+        _, entry = live(damaged, datagrams=datagrams)
+        assert entry["vehicles"][0]["alarms"] == recorded["vehicles"][0]["alarms"] != []
+        assert entry["vehicles"][0]["checks"] == recorded["vehicles"][0]["checks"]

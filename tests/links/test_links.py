@@ -1,0 +1,251 @@
+"""Links as the system has them: real sockets, a real pair of serial terminals."""
+
+import contextlib
+import errno
+import os
+import pty
+import select
+import socket
+import sys
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gcs_bridge.errors import SourceError
+from gcs_bridge.links.link import Link, LinkDownError, Piece
+from gcs_bridge.links.open import open_link
+from gcs_bridge.links.udp_owner import udp_port_owner
+from gcs_bridge.links.uri import NetworkUri, SerialUri
+from tests.helpers.live_links import Live, fixture, free_port, tcp_sender, wait_until
+
+
+def fetched(link: Link, size: int) -> list[Piece]:
+    """Pieces until `size` bytes have come."""
+    pieces: list[Piece] = []
+
+    def enough() -> bool:
+        pieces.extend(link.drain())
+        return sum(len(piece.data) for piece in pieces) >= size
+
+    wait_until(enough)
+    return pieces
+
+
+@contextlib.contextmanager
+def udp() -> Iterator[tuple[Link, socket.socket]]:
+    """A link, and the socket of one who sends to it."""
+    uri = NetworkUri("udpin", "127.0.0.1", free_port())
+    link = open_link(uri)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.connect(("127.0.0.1", uri.port))
+        try:
+            yield link, sender
+        finally:
+            link.close()
+
+
+@contextlib.contextmanager
+def terminals() -> Iterator[tuple[int, str]]:
+    """Two serial terminals that are wired to each other: the descriptor of one, the device of the other."""
+    master, slave = pty.openpty()
+    tty.setraw(master)
+    device = os.ttyname(slave)
+    try:
+        yield master, device
+    finally:
+        for descriptor in (master, slave):
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+
+
+def test_datagrams_keep_their_borders_and_times() -> None:
+    """Each comes alone, with the time at which it arrived, however late it is fetched."""
+    with udp() as (link, sender):
+        assert link.datagrams
+        time.sleep(0.1)  # Linux begins to stamp a moment after it was asked to
+        assert link.drain() == []
+        sent_us = []
+        for data in (b"one", b"", b"three" * 300):
+            sent_us.append(time.time_ns() // 1000)
+            sender.send(data)
+            time.sleep(0.03)
+        pieces = link.drain()
+        assert [piece.data for piece in pieces] == [b"one", b"", b"three" * 300]
+        if sys.platform == "linux":  # where the kernel tells
+            assert all(0 <= piece.t_rx_us - us < 20_000 for piece, us in zip(pieces, sent_us, strict=True))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux counts what it dropped")
+def test_what_the_system_drops_is_counted() -> None:
+    """A buffer that is not fetched in time overflows: the link knows by how many, once the next one comes."""
+    with udp() as (link, sender):
+        for _ in range(20_000):
+            sender.send(bytes(200))
+        taken = 0
+        while pieces := link.drain():
+            taken += len(pieces)
+        sender.send(b"next")
+        fetched(link, 4)
+        assert 1000 < taken < 20_000
+        assert link.dropped == 20_000 - taken
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the granted size is told differently elsewhere")
+def test_a_large_buffer_is_asked_for() -> None:
+    """As large as the system allows: Linux grants twice its rmem_max, or all that was asked for."""
+    with udp() as (link, _), socket.socket(fileno=os.dup(link.fileno() or -1)) as same:
+        allowed = int(Path("/proc/sys/net/core/rmem_max").read_text())
+        assert same.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) == 2 * min(allowed, 4 * 2**20)
+
+
+def test_a_flood_does_not_hold_the_loop() -> None:
+    """One drain takes a megabyte or so, and leaves the rest for the next."""
+    with tcp_sender(fixture("a_copter_square") * 4, 1e9) as (port, _):
+        link = open_link(NetworkUri("tcp", "127.0.0.1", port))
+        time.sleep(0.5)
+        assert sum(len(piece.data) for piece in link.drain()) <= 2**20 + 65536
+        link.close()
+
+
+def test_a_stream_ends_behind_its_last_byte() -> None:
+    """Everything that the other side sent before it closed is fetched, then the link is down."""
+    frames = fixture("e_two_vehicles", to_s=3)
+    with tcp_sender(frames, 1e9) as (port, _):
+        link = open_link(NetworkUri("tcp", "127.0.0.1", port))
+        assert not link.datagrams
+        size = sum(len(frame.data) for frame in frames)
+        assert b"".join(piece.data for piece in fetched(link, size)) == b"".join(frame.data for frame in frames)
+        with pytest.raises(LinkDownError, match="the other side has closed"):
+            wait_until(lambda: bool(link.drain()))
+        link.close()
+
+
+def test_serial() -> None:
+    """Bytes of a device come in order; nothing there is an empty list; a device that goes is told."""
+    with terminals() as (master, device):
+        link = open_link(SerialUri(device, 115200))
+        assert link.drain() == []
+        data = bytes(range(256)) * 8
+        os.write(master, data)
+        assert b"".join(piece.data for piece in fetched(link, len(data))) == data
+        assert link.drain() == []
+        os.close(master)
+        with pytest.raises(LinkDownError):
+            wait_until(lambda: bool(link.drain()))
+        link.close()
+
+
+# --- passive ---------------------------------------------------------------------------------------------------------
+
+
+def test_nothing_is_sent_over_udp() -> None:
+    """Whoever sends to the link hears nothing."""
+    uri = NetworkUri("udpin", "127.0.0.1", free_port())
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle, Live(open_link(uri)) as live:
+        vehicle.bind(("127.0.0.1", 0))
+        for frame in fixture("e_two_vehicles", to_s=8):
+            vehicle.sendto(frame.data, ("127.0.0.1", uri.port))
+            time.sleep(0.0002)
+        wait_until(lambda: live.names().count("vehicle_seen") == 2)
+        time.sleep(0.5)
+        vehicle.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            vehicle.recv(1)
+
+
+def test_nothing_is_sent_over_tcp() -> None:
+    """From opening to closing, the server receives no byte."""
+    with tcp_sender(fixture("e_two_vehicles", to_s=8), 20) as (port, received):
+        with Live(open_link(NetworkUri("tcp", "127.0.0.1", port))) as live:
+            live.join()
+            assert live.names().count("vehicle_seen") == 2
+        wait_until(lambda: bool(received))
+    assert received == [b""]
+
+
+def test_nothing_is_sent_over_serial() -> None:
+    """Neither opening nor listening nor closing writes to the device."""
+    with terminals() as (master, device):
+        with Live(open_link(SerialUri(device, 57600))) as live:
+            for frame in fixture("e_two_vehicles", to_s=8):
+                os.write(master, frame.data)
+                time.sleep(0.0005)
+            wait_until(lambda: live.names().count("vehicle_seen") == 2)
+        assert select.select([master], [], [], 0.2)[0] == []
+
+
+# --- what cannot be opened -------------------------------------------------------------------------------------------
+
+
+def refusal(uri: NetworkUri | SerialUri) -> str:
+    with pytest.raises(SourceError) as refused:
+        open_link(uri)
+    assert refused.value.exit_code == 3
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+@pytest.mark.parametrize("reuse", [0, 1])
+def test_port_in_use(reuse: int) -> None:
+    """By whom is told too, where the system tells, and also if the other would share it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, reuse)
+        other.bind(("127.0.0.1", 0))
+        port = other.getsockname()[1]
+        said = refusal(NetworkUri("udpin", "0.0.0.0", port))
+        assert f"port {port} is in use" in said
+        if sys.platform == "linux":
+            assert f"(process {os.getpid()})" in said
+    assert udp_port_owner(port) is None
+
+
+def test_nobody_takes_the_port_away() -> None:
+    """pymavlink shares its port with whoever asks; our link does not."""
+    uri = NetworkUri("udpin", "127.0.0.1", free_port())
+    link = open_link(uri)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
+        thief.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with pytest.raises(OSError, match=os.strerror(errno.EADDRINUSE)):
+            thief.bind((uri.host, uri.port))
+    link.close()
+
+
+@pytest.mark.parametrize(
+    ("uri", "said"),
+    [
+        (NetworkUri("tcp", "127.0.0.1", 9), "connection refused: nothing listens there"),
+        (NetworkUri("tcp", "no-such-host.invalid", 5760), "unknown host 'no-such-host.invalid'"),
+        (NetworkUri("udpin", "no-such-host.invalid", 14550), "unknown host 'no-such-host.invalid'"),
+        (NetworkUri("udpin", "192.0.2.7", 14550), "192.0.2.7 is no address of this machine; 0.0.0.0 stands for all"),
+        (SerialUri("/dev/ttyNONE0", 57600), "no such device; there "),
+        (SerialUri("/dev/null", 57600), "not a serial device"),
+        (SerialUri("/dev", 57600), "not a serial device"),
+    ],
+)
+def test_refusals(uri: NetworkUri | SerialUri, said: str) -> None:
+    """Each says what it was and, where something can be done, what."""
+    assert said in refusal(uri)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may open every device and port")
+def test_no_permission() -> None:
+    """A device of another group names the group to join; a low port, that it needs an administrator."""
+    with terminals() as (_, device):
+        Path(device).chmod(0)
+        assert "join the device's group" in refusal(SerialUri(device, 57600))
+    if int(Path("/proc/sys/net/ipv4/ip_unprivileged_port_start").read_text()) > 1:
+        assert "needs an administrator" in refusal(NetworkUri("udpin", "127.0.0.1", 1))
+
+
+def test_permission_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same where the system's refusal is made up, since whoever runs this may be root."""
+    import gcs_bridge.links.open as opening
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(opening, "_connected", refuse)
+    assert "'sudo usermod -aG dialout $USER'" in refusal(SerialUri("/dev/ttyNONE0", 57600))

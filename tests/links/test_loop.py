@@ -1,0 +1,336 @@
+"""What is told while links are listened to: the same as a recording tells, and what silence means."""
+
+import os
+import pty
+import socket
+import time
+import tty
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_bridge.judging.monitor import Monitor
+from gcs_bridge.links.link import DatagramLink, Link
+from gcs_bridge.links.open import open_link
+from gcs_bridge.links.uri import NetworkUri, SerialUri
+from gcs_bridge.mavlink.scanner import RawFrame
+from gcs_bridge.sinks.file import LiveFile
+from gcs_bridge.sinks.tlog import TlogRecorder
+from tests.helpers.live_links import (
+    Event,
+    Live,
+    fixture,
+    free_port,
+    judgement,
+    paced,
+    recorded_judgement,
+    tcp_sender,
+    tlog_of,
+    wait_until,
+)
+
+# What is sent, and how many alarms it must raise.
+FLIGHTS = {
+    "a plane's pitch trim": (fixture("d_plane_pitchtrim3", to_s=20), 0),
+    "and a fault on top": (fixture("d_plane_pitchtrim3", to_s=20, fault="yaw_offset:5"), 1),
+    "a copter with a fault": (fixture("a_copter_square", from_s=75, to_s=95, fault="yaw_offset:25"), 1),
+    "two vehicles": (fixture("e_two_vehicles", fault="yaw_offset:25"), 2),
+    "a reboot": (fixture("f_reboot", fault="roll_sign"), 0),
+    "MAVLink 1": (fixture("g_mavlink1", to_s=10, fault="mount_offset:0,4,0"), 1),
+    "signed": (fixture("g_signed", to_s=10), 0),
+}
+SPEED = 15.0  # alarms run on the vehicle's time, so that what it sends may come faster than it was
+
+
+class Recording:
+    """A recorder as `listen --record` has it."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.frames = 0
+
+    def __enter__(self) -> "Recording":
+        self._file = LiveFile(self._path, pytest.fail)
+        self._recorder = TlogRecorder(self._file)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.__exit__(None, None, None)
+
+    def record(self, link: int | str, frames: Sequence[RawFrame]) -> None:
+        self._recorder.record(link, frames)
+        self.frames += len(frames)
+
+    def read(self) -> bytes:
+        return self._path.read_bytes()
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Iterator[Recording]:
+    with Recording(tmp_path / "live.tlog") as opened:
+        yield opened
+
+
+def udp_link() -> tuple[Link, NetworkUri]:
+    uri = NetworkUri("udpin", "127.0.0.1", free_port())
+    return open_link(uri), uri
+
+
+def alarms(events: list[Event]) -> list[tuple[Any, ...]]:
+    told = ("alarm_raised", "alarm_cleared")
+    return [(event["event"], event["id"], event["boot_s"]) for event in events if event["event"] in told]
+
+
+def recorded_alarms(tlog: bytes) -> list[tuple[Any, ...]]:
+    return alarms(Monitor().feed_recording(tlog))
+
+
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_live_is_recorded_over_udp(name: str, recording: Recording) -> None:
+    """The alarms of `check`, at the same boot times; and the file that was recorded gives them again."""
+    frames, n_alarms = FLIGHTS[name]
+    tlog = tlog_of(frames)
+    link, uri = udp_link()
+    with Live(link, on_frames=recording.record) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.connect((uri.host, uri.port))
+        paced(frames, sender.send, SPEED)
+        wait_until(lambda: recording.frames == len(frames))
+    judged = judgement(live.monitor.close().files[0])
+    assert sum(len(vehicle["alarms"]) for vehicle in judged) == n_alarms
+    assert judged == recorded_judgement(tlog) == recorded_judgement(recording.read())
+    assert alarms(live.events) == recorded_alarms(tlog) == recorded_alarms(recording.read())
+
+
+@pytest.mark.parametrize(("name", "cut"), [("a plane's pitch trim", None), ("two vehicles", None), ("a reboot", 61)])
+def test_live_is_recorded_over_tcp(name: str, cut: int | None, recording: Recording) -> None:
+    """The same where the bytes are a stream, cut at frames or anywhere."""
+    frames, n_alarms = FLIGHTS[name]
+    tlog = tlog_of(frames)
+    with tcp_sender(frames, SPEED, cut=cut) as (port, _):
+        link = open_link(NetworkUri("tcp", "127.0.0.1", port))
+        with Live(link, on_frames=recording.record) as live:
+            live.join()
+    judged = judgement(live.monitor.close().files[0])
+    assert live.names()[-1] == "link_down"
+    assert sum(len(vehicle["alarms"]) for vehicle in judged) == n_alarms
+    assert judged == recorded_judgement(tlog) == recorded_judgement(recording.read())
+    assert alarms(live.events) == recorded_alarms(tlog) == recorded_alarms(recording.read())
+
+
+def test_live_is_recorded_over_serial(recording: Recording) -> None:
+    """The same over a pair of serial terminals."""
+    frames, _ = FLIGHTS["a copter with a fault"]
+    master, slave = pty.openpty()
+    tty.setraw(master)
+    link = open_link(SerialUri(os.ttyname(slave), 115200))
+    with Live(link, on_frames=recording.record) as live:
+        paced(frames, lambda data: os.write(master, data), SPEED)
+        wait_until(lambda: recording.frames == len(frames))
+    for descriptor in (master, slave):
+        os.close(descriptor)
+    assert judgement(live.monitor.close().files[0]) == recorded_judgement(tlog_of(frames))
+    assert alarms(live.events)
+    assert alarms(live.events) == recorded_alarms(recording.read())
+
+
+def test_every_frame_is_recorded_byte_for_byte(recording: Recording) -> None:
+    """Those of unknown ids, of ground stations, signed ones: what is recorded is what was sent, with receive times."""
+    from pymavlink.generator.mavcrc import x25crc
+
+    body = bytes([5, 0, 0, 0, 9, 9, 0x39, 0x30, 0]) + b"hello"  # id 12345, which no dialect defines
+    unknown = b"\xfd" + body + x25crc(body + b"\x07").crc.to_bytes(2, "little")
+    sent = [frame.data for frame in fixture("g_signed", to_s=2)] + [unknown]
+    link, uri = udp_link()
+    with Live(link, on_frames=recording.record), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        began_us = time.time_ns() // 1000
+        for data in sent:
+            sender.sendto(data, (uri.host, uri.port))
+        wait_until(lambda: recording.frames == len(sent))
+        ended_us = time.time_ns() // 1000
+    tlog = recording.read()
+    times_us = []
+    for data in sent:
+        times_us.append(int.from_bytes(tlog[:8], "big"))
+        assert tlog[8 : 8 + len(data)] == data
+        tlog = tlog[8 + len(data) :]
+    assert tlog == b""
+    assert began_us <= times_us[0] <= times_us[-1] <= ended_us
+    assert sorted(times_us) == times_us
+
+
+@pytest.mark.parametrize(("name", "from_s", "to_s"), [("e_two_vehicles", 0, 7), ("f_reboot", 8, 16)])
+def test_datagrams_at_once_are_datagrams_one_by_one(name: str, from_s: float, to_s: float) -> None:
+    """Bit for bit: report, events and what is recorded."""
+    frames = fixture(name, from_s=from_s, to_s=to_s, fault="yaw_offset:25")
+    datagrams = [(frame.data, frame.t_rx_us) for frame in frames]
+    told = []
+
+    def keep(seen: list[RawFrame], _: int | str, frames: Sequence[RawFrame]) -> None:
+        seen.extend(frames)
+
+    for size in (1, 7, 500):
+        seen: list[RawFrame] = []
+        monitor = Monitor(on_frames=partial(keep, seen))
+        monitor.open_link(0, datagrams=True)
+        events: list[Event] = []
+        for start in range(0, len(datagrams), size):
+            if size == 1:
+                events += monitor.feed(*datagrams[start])
+            else:
+                events += monitor.feed_datagrams(datagrams[start : start + size])
+        told.append((monitor.close().to_dict(), events, seen))
+    assert told[0] == told[1] == told[2]
+    assert {"alarm_raised", "reboot"} & {event["event"] for event in told[0][1]}
+
+
+def test_broken_datagrams_do_not_reach_into_each_other() -> None:
+    """What is missing of one is not looked for in the next, in a batch as alone."""
+    frames = fixture("a_copter_square", from_s=75, to_s=83, fault="yaw_offset:25")
+    datagrams = [(frame.data, frame.t_rx_us) for frame in frames]
+    for at in range(5, len(datagrams), 11):
+        data, t_rx_us = datagrams[at]
+        datagrams[at] = (data[: len(data) // 2], t_rx_us)
+    alone, together = Monitor(), Monitor()
+    alone.open_link(0, datagrams=True)
+    events = [event for datagram in datagrams for event in alone.feed(*datagram)]
+    assert together.feed_datagrams(datagrams) == events
+    assert together.close() == alone.close()
+    assert alone.close().files[0]["salvage"]["gap_count"] == len(range(5, len(datagrams), 11))
+
+
+# --- silence ---------------------------------------------------------------------------------------------------------
+
+
+def seconds_of(event: Event) -> float:
+    return datetime.fromisoformat(event["utc"]).timestamp()
+
+
+def test_silence_is_noticed_while_nothing_comes() -> None:
+    """Stale after 2 s, lost after 5 s, back with its next frame; each event carries the time of its deadline."""
+    frames = fixture("a_copter_square", from_s=75, to_s=78)
+    link, uri = udp_link()
+    with Live(link) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.connect((uri.host, uri.port))
+        paced(frames[:-1], sender.send, 2.0)
+        silent_s = time.time()
+        wait_until(lambda: "vehicle_lost" in live.names(), 8)
+        noticed_s = time.time()
+        sender.send(frames[-1].data)
+        wait_until(lambda: live.names().count("vehicle_seen") == 2)
+    names = live.names()
+    stale = names.index("stream_stale")
+    assert sorted(names[stale : stale + 3]) == ["no_compare", "stream_stale", "stream_stale"]
+    assert names[stale + 3 : stale + 5] == ["vehicle_lost", "vehicle_seen"]
+    # Behind the last of each stream: they come up to 0.1 s apart.
+    assert seconds_of(live.events[stale]) - silent_s == pytest.approx(2.0, abs=0.15)
+    assert seconds_of(live.events[stale + 3]) - silent_s == pytest.approx(5.0, abs=0.05)
+    assert noticed_s - silent_s < 5.6
+
+
+def test_a_lost_vehicle_is_told_once_whatever_the_cut() -> None:
+    """Lost and back among another's frames: the same events whole, in pieces and frame by frame."""
+    start_us = 1_700_000_000_000_000
+    one = fixture("e_two_vehicles", to_s=12)
+    first_us = one[0].t_rx_us
+    frames = [
+        frame._replace(t_rx_us=frame.t_rx_us - first_us + start_us)
+        for frame in one
+        if not (frame.data[5] == 1 and 3e6 < frame.t_rx_us - first_us < 10e6)
+    ]
+    tlog = tlog_of(frames)
+    told = []
+    for size in (len(tlog), 997, 41):
+        monitor = Monitor()
+        told.append(
+            [event for at in range(0, len(tlog), size) for event in monitor.feed_recording(tlog[at : at + size])]
+        )
+    assert told[0] == told[1] == told[2]
+    presence = [event for event in told[0] if event["event"].startswith("vehicle_")]
+    assert [(event["event"], event["vehicle"]) for event in presence if event["vehicle"] == [1, 1]] == [
+        ("vehicle_seen", [1, 1]),
+        ("vehicle_lost", [1, 1]),
+        ("vehicle_seen", [1, 1]),
+    ]
+    assert sum(event["vehicle"] == [2, 1] for event in presence) == 1
+
+
+def test_a_quiet_link_beside_a_busy_one() -> None:
+    """Two links at once, one vehicle each: silence on one is noticed while the other one talks."""
+    (quiet, quiet_uri), (busy, busy_uri) = udp_link(), udp_link()
+    frames = fixture("a_copter_square", from_s=75, to_s=78.5)
+    with Live(quiet, busy) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for frame in frames[:200]:
+            sender.sendto(frame.data, (quiet_uri.host, quiet_uri.port))
+            time.sleep(0.002)
+        paced(frames, lambda data: sender.sendto(data, (busy_uri.host, busy_uri.port)), 1.3)
+    by_link = {
+        str(uri): [event["event"] for event in live.events if event["link"] == str(uri)]
+        for uri in (quiet_uri, busy_uri)
+    }
+    assert "stream_stale" in by_link[str(quiet_uri)]
+    assert "stream_stale" not in by_link[str(busy_uri)]
+    assert all("vehicle_seen" in names for names in by_link.values())
+    assert len(live.monitor.close().files) == 2
+
+
+def test_nothing_comes() -> None:
+    """A link on which nobody sends is up, and that is all."""
+    link, _ = udp_link()
+    with Live(link) as live:
+        time.sleep(0.6)
+    assert live.names() == ["link_up"]
+    assert live.events[0]["vehicle"] is None
+    assert live.monitor.close().verdict == "no_compare"
+
+
+def test_one_link_breaks_the_other_goes_on() -> None:
+    """The end of a link is an event with its reason, and the end of that link alone."""
+    frames = fixture("a_copter_square", from_s=75, to_s=76)
+    link, uri = udp_link()
+    with tcp_sender(frames, 20) as (port, _):
+        tcp = open_link(NetworkUri("tcp", "127.0.0.1", port))
+        with Live(tcp, link) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            wait_until(lambda: "link_down" in live.names())
+            for frame in frames:
+                sender.sendto(frame.data, (uri.host, uri.port))
+            wait_until(lambda: live.names().count("vehicle_seen") == 2)
+    down = next(event for event in live.events if event["event"] == "link_down")
+    assert (down["link"], down["reason"]) == (f"tcp:127.0.0.1:{port}", "the other side has closed the connection")
+
+
+class Polled(DatagramLink):
+    """A link that cannot be waited for, as serial ports on Windows."""
+
+    def fileno(self) -> None:
+        return None
+
+
+def test_a_link_without_a_descriptor() -> None:
+    """It is asked from time to time: what comes is judged, and silence is noticed."""
+    opened, uri = udp_link()
+    frames = fixture("a_copter_square", from_s=75, to_s=76)
+    with Live(Polled(str(uri), opened._connection)) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        paced(frames, lambda data: sender.sendto(data, (uri.host, uri.port)), 4)
+        wait_until(lambda: "stream_stale" in live.names())
+    assert live.names().count("stream_started") == 2
+
+
+def test_age_of_what_is_shown() -> None:
+    """From its arrival to the observer who draws it, a sample takes less than 100 ms (p95), here with a margin."""
+    ages_ms: list[float] = []
+
+    def observe(observation: Any) -> None:
+        ages_ms.extend((time.time_ns() // 1000 - observation.segment.t_rx_us) / 1000)
+
+    frames = fixture("b_copter_acro", to_s=3)
+    link, uri = udp_link()
+    with Live(link, observer=observe), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        paced(frames, lambda data: sender.sendto(data, (uri.host, uri.port)), 1.0)
+        time.sleep(0.2)
+    ages_ms.sort()
+    assert len(ages_ms) > 250
+    assert ages_ms[len(ages_ms) * 95 // 100] < 80

@@ -1,0 +1,67 @@
+"""What a link's URI may be."""
+
+from pathlib import Path
+
+import pytest
+
+from gcs_bridge.errors import UsageError
+from gcs_bridge.links.uri import NetworkUri, SerialUri, Uri, parse_uri
+
+
+@pytest.mark.parametrize(
+    ("text", "uri"),
+    [
+        ("udpin:0.0.0.0:14550", NetworkUri("udpin", "0.0.0.0", 14550)),
+        ("udpin:localhost:1", NetworkUri("udpin", "localhost", 1)),
+        ("tcp:10.0.0.7:5760", NetworkUri("tcp", "10.0.0.7", 5760)),
+        ("/dev/ttyACM0", SerialUri("/dev/ttyACM0", 57600)),
+        ("/dev/serial/by-id/usb-3D_Robotics,Inc-if00", SerialUri("/dev/serial/by-id/usb-3D_Robotics,Inc-if00", 57600)),
+        ("/dev/ttyUSB1,921600", SerialUri("/dev/ttyUSB1", 921600)),
+        ("COM3", SerialUri("COM3", 57600)),
+        ("com12,115200", SerialUri("com12", 115200)),
+    ],
+)
+def test_links(text: str, uri: Uri) -> None:
+    """pymavlink's forms; a serial device takes --baud unless it brings a speed of its own."""
+    assert parse_uri(text, baud=57600) == uri
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("udpout:127.0.0.1:14550", "udpout: cannot receive before it has sent, and sending is not enabled"),
+        ("udpbcast:127.0.0.1:14550", "cannot receive before it has sent"),
+        ("tcpin:0.0.0.0:5760", "tcpin: is not supported yet: let the other side listen, and connect to it with tcp:"),
+        ("mcast:", "mcast: is not supported yet: use udpin:"),
+        ("udpni:0.0.0.0:14550", "unknown kind of link 'udpni:'; did you mean 'udpin:0.0.0.0:14550'?"),
+        ("udp:0.0.0.0:14550", "did you mean 'udpin:0.0.0.0:14550'?"),
+        ("TCP:1.2.3.4:5", "did you mean 'tcp:1.2.3.4:5'?"),
+        ("127.0.0.1:14550", "did you mean 'udpin:127.0.0.1:14550'?"),
+        ("serial:/dev/ttyACM0", "did you mean '/dev/ttyACM0'?"),
+        ("zzz:1", "did you mean 'udpin:zzz:1'?"),
+        ("qqqq:x", "links are udpin:HOST:PORT, tcp:HOST:PORT and serial devices as /dev/ttyACM0"),
+        ("ttyACM0", "'ttyACM0' is no link; links are"),
+        ("", "'' is no link"),
+        ("udpin:14550", "must be as udpin:127.0.0.1:14550"),
+        ("udpin::14550", "must be as udpin:127.0.0.1:14550"),
+        ("udpin:0.0.0.0:", "the port must be from 1 to 65535"),
+        ("udpin:0.0.0.0:0", "the port must be from 1 to 65535"),
+        ("udpin:0.0.0.0:65536", "the port must be from 1 to 65535"),
+        ("tcp:host:²", "the port must be from 1 to 65535"),
+        ("tcp:[::1]:5760", "IPv6 is not supported yet"),
+    ],
+)
+def test_what_is_no_link_is_refused(text: str, said: str) -> None:
+    """One sentence says what is wrong, and where it can be told what would be right."""
+    with pytest.raises(UsageError) as refused:
+        parse_uri(text)
+    assert said in str(refused.value)
+
+
+def test_a_recording_is_no_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who names a file is told what to type for files."""
+    (tmp_path / "flight.tlog").write_bytes(b"x")
+    monkeypatch.chdir(tmp_path)
+    for name in ("flight.tlog", "./flight.tlog", str(tmp_path / "flight.tlog")):
+        with pytest.raises(UsageError, match="gcs-bridge check"):
+            parse_uri(name)

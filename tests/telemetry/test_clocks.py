@@ -1,0 +1,209 @@
+"""The boot clock, told as stories: what the milliseconds do, and what time it then is; numbers worked by hand."""
+
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs_bridge.telemetry.clocks import BootClock
+
+START_US = 1_700_000_000_000_000
+DAY_MS = 86_400_000
+UNKNOWN = -1
+
+
+class Statement:
+    """What the clock says of a list of milliseconds, cut at `cuts`."""
+
+    def __init__(self, ms: list[int], rx_us: list[int] | None = None, cuts: tuple[int, ...] = ()) -> None:
+        clock = BootClock()
+        rx = rx_us if rx_us is not None else [UNKNOWN] * len(ms)
+        self.boot: list[int] = []
+        self.t_us: list[int] = []
+        self.believed: list[bool] = []
+        self.changes: list[tuple[int, int, str, int, int]] = []
+        for lo, hi in pairwise([0, *cuts, len(ms)]):
+            times = clock.read(np.array(ms[lo:hi], np.uint32), np.array(rx[lo:hi], np.int64))
+            self.boot += times.boot.tolist()
+            self.t_us += times.t_boot_us.tolist()
+            self.believed += times.believed.tolist()
+            self.changes += [(lo + c.place, c.boot, c.kind, c.t_boot_us, c.step_us) for c in times.changes]
+
+    @property
+    def kinds(self) -> list[str]:
+        return [kind for _, _, kind, _, _ in self.changes]
+
+
+def live(ms: list[int]) -> list[int]:
+    """Receive times of messages that each came at once."""
+    return [START_US + 1000 * (t - ms[0]) for t in ms]
+
+
+def test_milliseconds_become_microseconds_since_boot() -> None:
+    """An ordinary stretch of flight: every time is believed, in one boot."""
+    told = Statement([1000, 1040, 1080])
+    assert (told.t_us, told.boot, told.believed) == ([1_000_000, 1_040_000, 1_080_000], [0, 0, 0], [True] * 3)
+    assert told.changes == []
+
+
+def test_the_wrap_after_49_days_is_a_step_of_eleven_milliseconds() -> None:
+    """4294967290 to 5: the counter has 32 bits, the vehicle flew on."""
+    told = Statement([4_294_967_290, 5, 45])
+    assert np.diff(told.t_us).tolist() == [11_000, 40_000]
+    assert (told.boot, told.believed, told.changes) == ([0, 0, 0], [True] * 3, [])
+
+
+def test_a_frame_from_before_the_wrap_may_come_late() -> None:
+    """Reordered across the wrap: it belongs before, and those behind it go on."""
+    told = Statement([4_294_967_200, 4_294_967_250, 10, 4_294_967_290, 50, 90])
+    assert np.diff(told.t_us).tolist() == [50_000, 56_000, -16_000, 56_000, 40_000]
+    assert (set(told.boot), all(told.believed), told.changes) == ({0}, True, [])
+
+
+def test_a_frame_may_come_late_right_before_the_wrap_and_the_first_behind_it_alone() -> None:
+    """10 ms past the wrap, back to before it, and on: no message is doubted, none is off by 49 days."""
+    told = Statement([4_294_967_290, 10, 4_294_967_292, 4_294_967_294, 12])
+    assert [t - told.t_us[0] for t in told.t_us] == [0, 16_000, 2_000, 4_000, 18_000]
+    assert told.believed == [True] * 5
+
+
+def test_two_wraps_are_99_days() -> None:
+    """Aircraft on a mast have been up that long; the link was looked at every ten days."""
+    true_ms = [k * 10 * DAY_MS for k in range(11)]
+    told = Statement([t % 2**32 for t in true_ms], live(true_ms))
+    assert told.t_us == [1000 * t for t in true_ms]
+    assert (set(told.boot), told.changes) == ({0}, [])
+
+
+@pytest.mark.parametrize("uptime_ms", [20_000, 3_600_000, 24 * DAY_MS, 26 * DAY_MS, 49 * DAY_MS])
+@pytest.mark.parametrize("start_ms", [0, 900, 5000])
+def test_a_reboot_starts_a_new_boot_near_zero(uptime_ms: int, start_ms: int) -> None:
+    """After seconds or weeks of uptime: two messages from near zero, and the clock counts from there."""
+    ms = [uptime_ms, uptime_ms + 40, start_ms, start_ms + 40, start_ms + 80]
+    told = Statement(ms, live([0, 40, 3000, 3040, 3080]))
+    assert told.boot == [0, 0, 0, 1, 1]
+    assert told.t_us[3:] == [1000 * (start_ms + 40), 1000 * (start_ms + 80)]
+    assert told.believed == [True, True, False, True, True]  # a lone message may be a false frame
+    assert told.changes == [(3, 1, "reboot", 1000 * start_ms, 1000 * (start_ms - uptime_ms))]
+
+
+def test_a_reboot_after_a_wrap_starts_at_zero_too() -> None:
+    """The wrap's 49 days are no part of the new boot."""
+    told = Statement(
+        [4_294_967_290, 10, 100_000, 2_000, 2_040, 2_080], live([0, 16, 100_006, 103_000, 103_040, 103_080])
+    )
+    assert told.kinds == ["reboot"]
+    assert (told.boot[-1], told.t_us[-1]) == (1, 2_080_000)
+
+
+def test_three_reboots_are_three() -> None:
+    """A bad power lead: each boot has its number."""
+    told = Statement([t for _ in range(4) for t in range(1000, 20_000, 500)])
+    assert told.kinds == ["reboot"] * 3
+    assert told.boot[-1] == 3
+
+
+@pytest.mark.parametrize("late_ms", [1, 40, 1000, 4700])
+def test_what_comes_late_stays_in_its_boot(late_ms: int) -> None:
+    """Frames reordered by up to 4.7 s were seen: they have their own time, and nothing has rebooted."""
+    told = Statement([50_000, 50_040, 50_040 - late_ms, 50_041 - late_ms, 50_080])
+    assert told.t_us == [50_000_000, 50_040_000, 50_040_000 - 1000 * late_ms, 50_041_000 - 1000 * late_ms, 50_080_000]
+    assert (set(told.boot), all(told.believed), told.changes) == ({0}, True, [])
+
+
+@pytest.mark.parametrize("wrong_ms", [0, 3, 2**31, 2**32 - 1, 20_000_000])
+def test_a_time_that_stands_alone_is_not_believed(wrong_ms: int) -> None:
+    """One false frame in noise: not believed, no reboot, and the messages around it are untouched."""
+    told = Statement([10_000_000, 10_000_040, wrong_ms, 10_000_080, 10_000_120])
+    assert told.believed == [True, True, False, True, True]
+    assert [told.t_us[i] for i in (0, 1, 3, 4)] == [10_000_000_000, 10_000_040_000, 10_000_080_000, 10_000_120_000]
+    assert (set(told.boot), told.changes) == ({0}, [])
+
+
+def test_several_wrong_times_that_disagree_are_each_alone() -> None:
+    """Wrong ones that do not confirm each other change nothing, even one behind the other."""
+    told = Statement([10_000_000, 5, 10_000_040, 400_000, 90_000_000, 10_000_080, 7, 10_000_120])
+    assert told.believed == [True, False, True, False, False, True, False, True]
+    assert told.changes == []
+
+
+def test_a_long_silence_that_the_receiver_saw_too_is_no_step() -> None:
+    """Ten minutes out of range: boot time and receive time both went on."""
+    ms = [1000, 1040, 601_040, 601_080]
+    told = Statement(ms, live(ms))
+    assert (told.believed, told.changes) == ([True] * 4, [])
+
+
+def test_a_jump_that_the_receiver_did_not_see_needs_a_second_message() -> None:
+    """Without a receive time, or against it, ten minutes at once are a step of the clock, once confirmed."""
+    ms = [1000, 1040, 601_040, 601_080, 601_120]
+    for rx in (None, [START_US + 40_000 * i for i in range(5)]):
+        told = Statement(ms, rx)
+        assert told.believed == [True, True, False, True, True]
+        assert told.kinds == ["clock_step"]
+        assert told.boot == [0] * 5
+        assert told.t_us[3:] == [601_080_000, 601_120_000]
+
+
+def test_the_receivers_clock_may_run_as_it_likes() -> None:
+    """25 times too fast, backwards, or in bursts: a recording's boot times do not care."""
+    ms = list(range(5000, 9000, 40))
+    plain = Statement(ms).t_us
+    for rx in (
+        [START_US + 25 * 40_000 * i for i in range(len(ms))],
+        [START_US - 40_000 * i for i in range(len(ms))],
+        [START_US + 1_000_000 * (i // 25) for i in range(len(ms))],
+    ):
+        told = Statement(ms, rx)
+        assert (told.t_us, all(told.believed), told.changes) == (plain, True, [])
+
+
+def test_nothing_read_is_nothing_told() -> None:
+    """An empty batch, first or later, changes nothing."""
+    told = Statement([1000, 1040], cuts=(0, 0, 1, 1, 2))
+    assert (told.t_us, told.changes) == ([1_000_000, 1_040_000], [])
+
+
+@pytest.mark.parametrize("jump_ms", [60_000, 20_000_000])
+def test_two_clocks_under_one_id_do_not_take_for_ever(jump_ms: int) -> None:
+    """Two autopilots with one id on merged links: every message is odd, and 40,000 are still read within seconds."""
+    ms = [t + jump_ms * (i % 2) * 10 for i, t in enumerate(range(40_000))]
+    started = time.perf_counter()
+    Statement(ms)
+    assert time.perf_counter() - started < 4
+
+
+# Milliseconds as links bring them: going on, late, lone, rebooted, wrapped, silent.
+_moves = st.lists(
+    st.one_of(
+        st.integers(0, 200),
+        st.sampled_from([-40, -4700, -6001, 59_000, 61_000, -100_000, 700_000]),
+        st.sampled_from([-(2**31), 2**31, 2**32 - 500, 500 - 2**32]),
+    ),
+    min_size=1,
+    max_size=60,
+)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(
+    st.sampled_from([0, 5000, 2**31, 2**32 - 2000, 2**32 - 1]),
+    _moves,
+    st.lists(st.sampled_from([0, 40_000, -1_000_000, 700_000_000, 3 * 86_400_000_000]), max_size=60),
+    st.lists(st.integers(0, 60), max_size=12),
+)
+def test_the_cut_into_batches_changes_nothing(
+    first: int, moves: list[int], rx_steps: list[int], cuts: list[int]
+) -> None:
+    """Whole, in any pieces, or one by one: boots, times, beliefs and changes are the same."""
+    ms = ((first + np.cumsum([0, *moves])) % 2**32).tolist()
+    rx_steps = (rx_steps + [40_000] * len(ms))[: len(ms)]
+    rx = (START_US + np.cumsum(rx_steps)).tolist()
+    whole = vars(Statement(ms, rx))
+    assert vars(Statement(ms, rx, tuple(sorted(min(c, len(ms)) for c in cuts)))) == whole
+    assert vars(Statement(ms, rx, tuple(range(1, len(ms))))) == whole
+    assert min(whole["boot"]) == 0
+    assert (np.diff(whole["boot"]) >= 0).all()

@@ -1,0 +1,296 @@
+"""What the viewer itself makes of it: its transforms, its picture, its page; and viewers that come and go."""
+
+import io
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from gcs_bridge import Monitor
+from gcs_bridge.cli import main
+from gcs_bridge.recordings.faults import parse_fault
+from gcs_bridge.recordings.inject import inject
+from gcs_bridge.viewer import ViewerSink, open_viewer
+from gcs_bridge.viewer.processes import free_port
+from gcs_bridge.viewer.served import ServedViewer
+from tests.helpers import wire
+from tests.helpers.paths import FIXTURES
+from tests.helpers.viewer_tools import Drawn, Headless, can_draw, eventually, has_browser, has_screen, headless
+
+TOLERANCE = 1e-6  # of a rotation matrix's entries: the wire's numbers are float32
+BODY = "/vehicle/1.1/body"
+
+
+@pytest.fixture(autouse=True)
+def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No test opens a window on somebody's screen."""
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setenv("CI", "1")  # rerun's program reports nothing home
+
+
+@pytest.fixture
+def port() -> int:
+    return free_port(19_800)
+
+
+def feed(monitor: Monitor, sink: ViewerSink, records: list[tuple[int, bytes]]) -> None:
+    for t_us, frame in records:
+        for event in monitor.feed(frame, t_us):
+            sink.event(event)
+
+
+@can_draw
+def test_the_viewer_turns_bodies_as_scipy_does(tmp_path: Path, port: int) -> None:
+    """At chosen instants of an acro flight, through the pole too, the viewer's own matrices are SciPy's, for both."""
+    path = tmp_path / "a.rrd"
+    assert main(["replay", str(FIXTURES / "b_copter_acro.tlog"), "--viewer", f"save:{path}", "-q"]) == 0
+    recording = Drawn(path)
+    with headless(path, port) as viewer:
+        for source in ("quaternion", "euler"):
+            boot_us, xyzw = recording.numbers(f"{BODY}/{source}", "Transform3D:quaternion")
+            viewer.wait_for("boot", int(boot_us[-1]))
+            for row in np.linspace(0, len(boot_us) - 1, 6, dtype=int):
+                viewer.go_to(int(boot_us[row]))
+                seen = viewer.matrix(f"{BODY}/{source}")
+                assert seen == pytest.approx(Rotation.from_quat(xyzw[row]).as_matrix(), abs=TOLERANCE)
+        assert viewer.errors() == []
+
+
+@can_draw
+def test_yaw_90_turns_the_nose_east_and_down_is_drawn_downwards(tmp_path: Path, port: int) -> None:
+    """By hand: yaw 90° puts forward on east and right on south; and in the picture the blue arrow points down."""
+    records = []
+    for i in range(50):
+        ms = 1000 + 40 * i
+        now = wire.START_US + 40_000 * i
+        records += [
+            (now, wire.attitude(ms, (0.0, 0.0, np.pi / 2))),
+            (now, wire.attitude_quaternion(ms, (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))),
+        ]
+    path = tmp_path / "a.rrd"
+    with open_viewer(f"save:{path}", say=pytest.fail) as saved:
+        sink = saved.recording("yaw 90")
+        feed(Monitor(observer=sink.observe), sink, records)
+        sink.finish()
+    with headless(path, port) as viewer:
+        viewer.wait_for("boot", 2_960_000)
+        viewer.go_to(2_960_000)
+        for source in ("quaternion", "euler"):
+            R_nb = viewer.matrix(f"{BODY}/{source}")
+            forward, right, down = R_nb.T
+            assert forward == pytest.approx([0, 1, 0], abs=TOLERANCE)
+            assert right == pytest.approx([-1, 0, 0], abs=TOLERANCE)
+            assert down == pytest.approx([0, 0, 1], abs=TOLERANCE)
+        picture = viewer.picture(only="3D")
+    rows_of_blue, columns_of_blue = np.nonzero(about(picture, (70, 130, 255), within=60))
+    rows_of_grey, columns_of_grey = np.nonzero(about(picture, (143, 163, 181), within=25))
+    assert len(rows_of_blue) > 50
+    assert len(rows_of_grey) > 500
+    below = np.abs(columns_of_blue - columns_of_grey.mean()) < 60  # the body's arrow, not the world's
+    assert rows_of_blue[below].mean() > rows_of_grey.mean() + 20
+
+
+@can_draw
+def test_the_layout_shows_everything_without_a_click(tmp_path: Path, port: int) -> None:
+    """Bodies, comparison, events, four plots of attitude and five of motion; no complaint; an alarm is red to see."""
+    source = tmp_path / "turned.tlog"
+    flown = (FIXTURES / "a_copter_square.tlog").read_bytes()
+    source.write_bytes(inject(flown, [parse_fault("yaw_offset:25")], from_s=12))
+    path = tmp_path / "a.rrd"
+    assert main(["replay", str(source), "--viewer", f"save:{path}", "-q"]) == 0
+    with headless(path, port) as viewer:
+        viewer.wait_for("boot", 100_000_000)
+        viewer.go_to(30_000_000)
+        views = sorted(view.view_class for view in viewer.client.get_state().views)
+        assert views == ["3D", "StateTimeline", "TextLog", *["TimeSeries"] * 9]
+        picture = viewer.picture()
+        assert viewer.errors() == []
+    assert picture.shape[:2] == (900, 1400)
+    assert about(picture, (229, 57, 53), within=60).sum() > 2000  # the lane of the alarm
+    for colour in ((90, 200, 250), (255, 175, 60), (235, 110, 235)):  # the lines of both sources, and the down's angle
+        assert about(picture, colour, within=40).sum() > 200
+
+
+@can_draw
+def test_a_late_viewer_sees_the_history_and_what_never_changes(port: int) -> None:
+    """It comes after the last sample, and still gets the first one, the layout and the vehicle's place."""
+    with serving() as viewer:
+        sink = viewer.recording("late")
+        feed(Monitor(observer=sink.observe), sink, wire.flight(wire.Motion(6.0), 6.0))
+        with headless(viewer.url, port) as late:
+            recording = late.wait_for("boot", 15_800_000)
+            line = next(line for line in recording.timelines if line.name == "boot")
+            assert line.start // 1000 == 10_000_000
+            assert late.edge(BODY)["sample_time"] == {"kind": "static"}
+            assert len(late.client.get_state().views) == 7
+
+
+@can_draw
+def test_a_late_viewer_sees_what_never_changes_though_the_history_is_full(port: int) -> None:
+    """The server forgets old samples first; the scene and its layout stay."""
+    with serving("1MiB") as viewer:
+        sink = viewer.recording("full")
+        feed(Monitor(observer=sink.observe), sink, wire.flight(wire.Motion(60.0), 60.0))
+        with headless(viewer.url, port) as late:
+            recording = late.wait_for("boot", 69_000_000)
+            line = next(line for line in recording.timelines if line.name == "boot")
+            assert line.start // 1000 > 15_000_000
+            assert late.edge(BODY)["sample_time"] == {"kind": "static"}
+            late.go_to(69_000_000)
+            wxyz = wire.Motion(60.0).wxyz(59.0)
+            assert late.matrix(f"{BODY}/quaternion") == pytest.approx(
+                Rotation.from_quat(wxyz[[1, 2, 3, 0]]).as_matrix(), abs=TOLERANCE
+            )
+
+
+class CheckBatch:
+    """500 messages a second, drawn as fast as they can be; remembers the slowest batch."""
+
+    def __init__(self, viewer: Any, seconds: float) -> None:
+        flight = wire.flight(wire.Motion(seconds), seconds, euler_hz=250.0, quaternion_hz=250.0)
+        self._batches = iter([flight[i : i + 20] for i in range(0, len(flight), 20)])
+        self._sink = viewer.recording("flight")
+        self._monitor = Monitor(observer=self._sink.observe)
+        self.slowest_s = 0.0
+
+    def fly(self, seconds: int) -> None:
+        for batch in islice(self._batches, seconds * 25):
+            started = time.monotonic()
+            for event in self._monitor.feed(b"".join(frame for _, frame in batch), batch[-1][0]):
+                self._sink.event(event)
+            self.slowest_s = max(self.slowest_s, time.monotonic() - started)
+            time.sleep(0.002)
+
+
+@can_draw
+def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: int) -> None:
+    """Once the server's history is full, a minute of flight adds nothing: nobody looking, and after who looked died."""
+    with serving("1MiB") as viewer:
+        flight = CheckBatch(viewer, 160.0)
+        flight.fly(20)
+        full = resident_bytes()
+        flight.fly(60)
+        assert resident_bytes() < 1.03 * full
+        with headless(viewer.url, port) as watching:
+            watching.wait_for("boot", 60_000_000)
+            flight.fly(20)
+            watched = resident_bytes()
+        flight.fly(60)
+        assert resident_bytes() < 1.03 * watched
+        assert flight.slowest_s < 0.25
+        assert eventually(lambda: socket.create_connection(("127.0.0.1", viewer._port), 1)).close() is None
+
+
+@can_draw
+def test_a_viewer_that_reads_no_more_neither_stops_nor_slows_nor_grows_us(port: int) -> None:
+    """The worst kind: it is stopped for ten seconds of flight, and then killed."""
+    with serving("1MiB") as viewer:
+        flight = CheckBatch(viewer, 40.0)
+        flight.fly(10)
+        full = resident_bytes()
+        with headless(viewer.url, port) as watching:
+            watching.wait_for("boot", 5_000_000)
+            flight.fly(10)
+            os.killpg(watching.process.pid, signal.SIGSTOP)
+            flight.fly(10)
+        flight.fly(10)
+        assert flight.slowest_s < 0.25
+        assert resident_bytes() < 1.03 * full
+
+
+@can_draw
+@has_screen
+def test_a_window_opens_at_the_alarm_and_its_end_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`native` on a real screen: the cursor stands at the alarm. Killed, it is told in one line, and we go on."""
+    flown = inject((FIXTURES / "c_copter_4hz.tlog").read_bytes(), [parse_fault("yaw_offset:25")], from_s=10)
+    said: list[str] = []
+    screen = subprocess.Popen(["Xvfb", "-displayfd", "1", "-screen", "0", "1400x900x24"], stdout=subprocess.PIPE)
+    assert screen.stdout is not None
+    try:
+        monkeypatch.setenv("DISPLAY", f":{int(screen.stdout.readline())}")
+        with open_viewer("auto", say=said.append) as viewer:
+            assert viewer.kind == "native"
+            assert isinstance(viewer, ServedViewer)
+            sink = viewer.recording("window")
+            monitor = Monitor(observer=sink.observe)
+            raised = []
+            for event in monitor.feed_recording(flown):
+                sink.event(event)
+                raised += [event] if event["event"] == "alarm_raised" else []
+            assert sink.finish("alarm")
+            window = viewer._window
+            seen = Headless(window._port, window.process)
+            eventually(lambda: seen.client.get_state().recordings[0].current_time == round(raised[0]["boot_s"] * 1e9))
+            os.killpg(window.process.pid, signal.SIGKILL)
+            eventually(lambda: len(said) == 2)
+            assert "failure" in said[1]
+    finally:
+        screen.terminate()
+        screen.wait()
+        screen.stdout.close()
+
+
+@can_draw
+@has_browser
+def test_the_page_shows_the_same_in_a_browser() -> None:
+    """In real Chromium the bodies are drawn, though what the page asks of other hosts (fonts, news) is not answered."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="pip install playwright (no browser of its own)")
+    said: list[str] = []
+    flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    with open_viewer("web", say=said.append) as viewer:
+        sink = viewer.recording("page")
+        feed(Monitor(observer=sink.observe), sink, wire.flight(wire.Motion(5.0), 5.0))
+        sink.finish()
+        (address,) = [word for word in said[0].split() if word.startswith("http")]
+        with playwright.sync_playwright() as tool:
+            browser = tool.chromium.launch(executable_path=shutil.which("chromium"), args=flags)
+            page = browser.new_page(viewport={"width": 1400, "height": 900})
+
+            def route(request: Any) -> None:
+                if request.request.url.startswith(("http://127.0.0.1", "blob:", "data:")):
+                    request.continue_()
+                else:
+                    request.abort()
+
+            page.route("**/*", route)
+            page.goto(f"{address}&renderer=webgl&theme=dark&persist=0")
+
+            def drawn() -> bool:
+                picture = pixels(page.screenshot())
+                return bool(about(picture, (143, 163, 181), within=25)[:600, :760].sum() > 1000)
+
+            eventually(drawn, 40)
+            browser.close()
+
+
+def serving(memory: str | None = None) -> ServedViewer:
+    viewer = open_viewer("web", say=lambda _: None, live=True, server_memory_limit=memory)
+    assert isinstance(viewer, ServedViewer)
+    return viewer
+
+
+def pixels(png: bytes) -> NDArray[np.int64]:
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(np.int64)
+
+
+def about(picture: NDArray[np.int64], colour: tuple[int, int, int], *, within: int) -> NDArray[np.bool_]:
+    """Which pixels are near a colour."""
+    near: NDArray[np.bool_] = np.abs(picture - np.array(colour)).max(axis=2) <= within
+    return near
+
+
+def resident_bytes() -> int:
+    with Path("/proc/self/statm").open() as statm:
+        return int(statm.read().split()[1]) * os.sysconf("SC_PAGESIZE")
