@@ -7,6 +7,8 @@ from datetime import UTC, datetime, timedelta
 from enum import IntEnum
 from typing import Any, NamedTuple
 
+from gcs_bridge.telemetry.identity import VehicleId
+
 Event = dict[str, Any]
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -37,12 +39,18 @@ class Notice(NamedTuple):
 
 
 def make_event(
-    name: str, vehicle: tuple[int, int], boot: int | None, t_boot_us: int | None, t_rx_us: int, **more: Any
+    name: str, vehicle: VehicleId, boot: int | None, t_boot_us: int | None, t_rx_us: int, **more: Any
 ) -> Event:
     """The event `name` of `vehicle` at `t_boot_us` on its boot clock, received at `t_rx_us` (None, −1: unknown)."""
     boot_s = None if t_boot_us is None else t_boot_us / 1e6
-    head = {"event": name, "vehicle": list(vehicle), "boot": boot, "boot_s": boot_s, "utc": utc(t_rx_us)}
-    return head | {"check": None} | more
+    head = {"event": name, "vehicle": list(vehicle.address), "boot": boot, "boot_s": boot_s, "utc": utc(t_rx_us)}
+    of_link = {} if vehicle.link is None else {"link": vehicle.link}
+    return head | {"check": None} | more | of_link
+
+
+def vehicle_of(event: Event) -> VehicleId:
+    """Whose event it is; only of one that has a vehicle."""
+    return VehicleId(event.get("link"), *event["vehicle"])
 
 
 def in_order(notices: Iterable[Notice]) -> list[Notice]:

@@ -23,6 +23,7 @@ from gcs_bridge.checks.base import Check
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Notice, make_event, utc
 from gcs_bridge.settings import AlarmSettings
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
 
 
@@ -97,10 +98,10 @@ def _moment(
 class AlarmManager:
     """All alarms of one vehicle; a new set of them in every boot."""
 
-    def __init__(self, key: tuple[int, int], checks: Iterable[Check], settings: AlarmSettings) -> None:
+    def __init__(self, vehicle: VehicleId, checks: Iterable[Check], settings: AlarmSettings) -> None:
         """Start with every alarm normal."""
         self.alarms: list[AlarmRecord] = []
-        self._key = key
+        self._vehicle = vehicle
         self._checks = list(checks)
         self._settings = settings
         self._shelved: dict[str, int] = {}  # alarm name → receive time at which it ends, µs
@@ -174,7 +175,7 @@ class AlarmManager:
         """The boot is over, and with it alarms that were never seen to go: their `cleared_boot_s` stays unknown."""
         for slot in self._slots:
             if slot.record is not None and slot.alarm.state in STANDING and slot.told:
-                head = make_event("alarm_cleared", self._key, self._boot, t_boot_us, t_rx_us)
+                head = make_event("alarm_cleared", self._vehicle, self._boot, t_boot_us, t_rx_us)
                 yield Notice(frame_index, head | asdict(slot.record) | {"reason": "reboot"})
 
     def _tell(self, slot: AlarmSlot, change: Change, frame_index: int, t_rx_us: int) -> Iterator[Notice]:
@@ -246,7 +247,7 @@ class AlarmManager:
     def _new_record(self, slot: AlarmSlot) -> AlarmRecord:
         tier = "" if slot.tier.name in ("pairs", "alarm") else "-" + slot.tier.name.replace(" ", "-").lower()
         number = slot.raises if slot.is_repeat else slot.raises + 1
-        name = f"{self._key[0]}.{self._key[1]}-{slot.check.name}{tier}-{self._boot}-{number}"
+        name = f"{self._vehicle.name}-{slot.check.name}{tier}-{self._boot}-{number}"
         record = AlarmRecord(
             name, slot.check.name, slot.tier.severity, self._boot, slot.tier.what, slot.check.not_a_sign_of
         )
@@ -260,11 +261,11 @@ class AlarmManager:
         before, record.diagnosis = record.diagnosis, entry
         if before is not None and _gist(before) == _gist(entry):
             return
-        head = make_event("diagnosis", self._key, record.boot, t_boot_us, t_rx_us, check=record.check)
+        head = make_event("diagnosis", self._vehicle, record.boot, t_boot_us, t_rx_us, check=record.check)
         yield Notice(frame_index, head | {"id": record.id, "severity": record.severity, "diagnosis": entry})
 
     def _notice(self, event: str, record: AlarmRecord, t_boot_us: int | None, frame_index: int, t_rx_us: int) -> Notice:
-        head = make_event(event, self._key, record.boot, t_boot_us, t_rx_us)
+        head = make_event(event, self._vehicle, record.boot, t_boot_us, t_rx_us)
         return Notice(frame_index, head | asdict(record))
 
     # What people say to alarms; times are receive times.

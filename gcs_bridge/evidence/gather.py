@@ -24,6 +24,7 @@ from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.recordings.source import open_recording
 from gcs_bridge.report import Report
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.moment import save_moment
 
 __all__ = ["Evidence"]
@@ -34,7 +35,7 @@ class _Written:
     """What was written of one alarm."""
 
     path: Path
-    vehicle: tuple[int, int]
+    vehicle: VehicleId
     alarm_id: str
     frames: tuple[int, int]  # indices: the first, and the first one behind
     events: tuple[Event, ...]
@@ -117,13 +118,13 @@ class Evidence:
         vehicle, alarm = _alarm_of(entry, written)
         page = summary(entry["path"], vehicle, alarm, written.rows, written.events)
         (written.path / "summary.md").write_text(page, encoding="utf-8")
-        return {"folder": written.path.name, "vehicle": list(written.vehicle), **alarm}
+        return {"folder": written.path.name, "vehicle": list(written.vehicle.address), **alarm}
 
 
 def _alarm_of(entry: Mapping[str, Any], written: _Written) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """The vehicle's and the alarm's entry in the report."""
     for vehicle in entry["vehicles"]:
-        if (vehicle["sysid"], vehicle["compid"]) == written.vehicle:
+        if (vehicle["sysid"], vehicle["compid"]) == written.vehicle.address:
             for alarm in vehicle["alarms"]:
                 if alarm["id"] == written.alarm_id:
                     return vehicle, alarm

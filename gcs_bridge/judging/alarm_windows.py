@@ -15,13 +15,13 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from gcs_bridge.columns import Int64s
-from gcs_bridge.events import Event
+from gcs_bridge.events import Event, vehicle_of
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.telemetry.batches import Ahrs2Batch, ImuBatch
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.statements import ParameterSet, Statement
 from gcs_bridge.telemetry.stream_liveness import Timeline
 
-Key = tuple[int, int]  # (system, component)
 _Rows = TypeVar("_Rows")
 AROUND_US = 10_000_000
 _LATE_US = 5_000_000  # events are told so much behind the time that they carry: by late frames, and by late neighbours
@@ -50,7 +50,7 @@ class AlarmWindow:
     is what was in force when it began (each parameter's value, the last texts and modes) and what was said in it.
     """
 
-    vehicle: Key
+    vehicle: VehicleId
     alarm: Event
     boot: int
     t_boot_us: int
@@ -72,7 +72,7 @@ class AlarmWindows:
     def __init__(self) -> None:
         """Start with nothing kept."""
         self.missed = 0  # alarms without a moment, as too many were open
-        self._vehicles: dict[Key, _Vehicle] = {}
+        self._vehicles: dict[VehicleId, _Vehicle] = {}
 
     def observe(self, observation: Observation) -> None:
         """Keep what was judged."""
@@ -82,7 +82,7 @@ class AlarmWindows:
         """Take the events that came of what was observed since the last call; return the moments that are over."""
         for event in events:
             if event["vehicle"] and event["boot_s"] is not None:
-                vehicle = self._vehicle((event["vehicle"][0], event["vehicle"][1]))
+                vehicle = self._vehicle(vehicle_of(event))
                 self.missed += not vehicle.hear(event)
         finished = [moment for vehicle in self._vehicles.values() for moment in vehicle.finished()]
         for vehicle in self._vehicles.values():
@@ -102,7 +102,7 @@ class AlarmWindows:
         """Nothing follows: return the moments that are left, as far as they came."""
         return [moment for vehicle in self._vehicles.values() for moment in vehicle.finished(nothing_follows=True)]
 
-    def _vehicle(self, key: Key) -> _Vehicle:
+    def _vehicle(self, key: VehicleId) -> _Vehicle:
         return self._vehicles.setdefault(key, _Vehicle(key))
 
 
@@ -118,7 +118,7 @@ class _Open(NamedTuple):
 class _Vehicle:
     """What is kept of one vehicle."""
 
-    def __init__(self, key: Key) -> None:
+    def __init__(self, key: VehicleId) -> None:
         self.latest_rx_us = -1
         self._key = key
         self._kept: deque[Observation] = deque()

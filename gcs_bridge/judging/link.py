@@ -20,6 +20,7 @@ from gcs_bridge.report.verdicts import worst_verdict
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.batches import VehicleBatch
 from gcs_bridge.telemetry.component import VehicleReader
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock, latest_rx
 from gcs_bridge.telemetry.vehicle_presence import Presence
 
@@ -49,7 +50,7 @@ class LinkVehicle:
     def _turns(self, frame_indices: Int64s, link: LinkClock) -> Iterator[Notice]:
         for turn in self._presence.take(frame_indices, link):
             event = make_event(
-                "vehicle_lost" if turn.lost else "vehicle_seen", self.reader.key, None, None, turn.t_rx_us
+                "vehicle_lost" if turn.lost else "vehicle_seen", self.reader.vehicle, None, None, turn.t_rx_us
             )
             yield Notice(turn.frame_index, event, Rank.IDENTITY)
 
@@ -61,7 +62,7 @@ class LinkVehicle:
                 return []
             frame_index, t_rx_us = self.reader.seen
             self._seen = True
-            seen = make_event("vehicle_seen", self.reader.key, 0, None, t_rx_us)
+            seen = make_event("vehicle_seen", self.reader.vehicle, 0, None, t_rx_us)
             held = (
                 notice._replace(frame_index=max(notice.frame_index, frame_index))
                 for notice in in_order(self._held)
@@ -85,6 +86,7 @@ class Link:
         sysid: int | None,
         window_s: tuple[float | None, float | None],
         observer: Observer | None,
+        number: int | None,
     ) -> None:
         self.frames = 0
         self.in_window = 0
@@ -96,6 +98,7 @@ class Link:
         self._sysid = sysid
         self._window_s = window_s
         self._observer = observer
+        self._number = number  # None: of the first link, or a recording
         self._start_us: int | None = None
         self._latest_rx_us = -1
         self._vehicles: dict[int, LinkVehicle] = {}
@@ -190,9 +193,9 @@ class Link:
             yield from vehicle.advance(clock)
 
     def _new_vehicle(self, key: int) -> LinkVehicle:
-        sysid, compid = divmod(key, 256)
-        reader = VehicleReader(sysid, compid, self._dialect, self._settings.vehicle)
-        vehicle = LinkVehicle(reader, VehicleJudge((sysid, compid), self._settings, self._observer))
+        vehicle_id = VehicleId(self._number, *divmod(key, 256))
+        reader = VehicleReader(vehicle_id, self._dialect, self._settings.vehicle)
+        vehicle = LinkVehicle(reader, VehicleJudge(vehicle_id, self._settings, self._observer))
         self._vehicles[key] = vehicle
         return vehicle
 

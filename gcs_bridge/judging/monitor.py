@@ -124,7 +124,10 @@ class Monitor:
 
     def _new_link(self, name: int | str, *, timed: bool, datagrams: bool = False) -> Link:
         scanner = Scanner(self._dialect, timed=timed)
-        link = Link(scanner, datagrams, self._dialect, self._settings, self._sysid, self._window_s, self._observer)
+        number = name if self._links and isinstance(name, int) else None
+        link = Link(
+            scanner, datagrams, self._dialect, self._settings, self._sysid, self._window_s, self._observer, number
+        )
         if self._on_frames is not None:
             link.on_frames = partial(self._on_frames, name)
         self._links[name] = link

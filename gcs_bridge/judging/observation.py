@@ -11,6 +11,7 @@ from gcs_bridge.events import Notice
 from gcs_bridge.expected import Corrected
 from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.telemetry.batches import BootSegment
+from gcs_bridge.telemetry.identity import VehicleId
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Observation:
     that its checks were given; how the Euler angles were corrected, and what was told of alarms in consequence.
     """
 
-    vehicle: tuple[int, int]
+    vehicle: VehicleId
     segment: BootSegment
     pairs: Pairs
     disagreement: Disagreement

@@ -27,6 +27,7 @@ from gcs_bridge.mavlink.requests import request_command
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.batches import Ahrs2Batch, BootSegment, ClockNotice, ImuBatch, VehicleBatch, no_segment
 from gcs_bridge.telemetry.component import VehicleReader
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
 from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
@@ -53,9 +54,9 @@ _MOST_NEWS = 10_000  # statements that can wait for a message with a time
 class VehicleJudge:
     """Judges one vehicle, batch by batch."""
 
-    def __init__(self, key: tuple[int, int], settings: Settings, observer: Observer | None = None) -> None:
-        """Start with nothing judged; `key` is (system, component), `observer` is shown what is judged."""
-        self.key = key
+    def __init__(self, vehicle: VehicleId, settings: Settings, observer: Observer | None = None) -> None:
+        """Start with nothing judged; `observer` is shown what is judged."""
+        self.vehicle = vehicle
         self._observer = observer
         self._settings = settings
         self._boots: list[dict[str, Any]] = []
@@ -65,7 +66,7 @@ class VehicleJudge:
         self._checks = all_checks(settings)
         self._euler_quaternion = next(check for check in self._checks if isinstance(check, EulerQuaternion))
         self._stream_check = next(check for check in self._checks if isinstance(check, StreamCheck))
-        self.alarm_manager = AlarmManager(key, self._checks, settings.alarm)
+        self.alarm_manager = AlarmManager(vehicle, self._checks, settings.alarm)
         self._expected = Expected()
         self._news: list[Statement] = []  # that came behind the last message with a time
         self._trims_told: list[ParameterSet] = []  # that are not among the trims yet
@@ -126,8 +127,8 @@ class VehicleJudge:
         checks = [self._check_entry(check, reader.autopilot) for check in self._checks]
         boots = [*self._boots, *([self._boot.entry()] if self._boot else [])]
         return {
-            "sysid": self.key[0],
-            "compid": self.key[1],
+            "sysid": self.vehicle.sysid,
+            "compid": self.vehicle.compid,
             "autopilot": reader.autopilot,
             "type": reader.type,
             "verdict": self._verdict(checks),
@@ -274,7 +275,7 @@ class VehicleJudge:
         yield from told_of
         if self._observer is not None:
             self._observer(
-                Observation(self.key, segment, aligned.pairs, found, flight, corrected, tuple(in_order(told_of)))
+                Observation(self.vehicle, segment, aligned.pairs, found, flight, corrected, tuple(in_order(told_of)))
             )
 
     def _ask(self, boot: Boot, moment: AlarmTransition, link: LinkClock) -> Iterator[Notice]:
@@ -363,14 +364,14 @@ class VehicleJudge:
         change = notice.change
         boot = change.boot
         event = make_event(
-            change.kind, self.key, boot, change.t_boot_us, notice.t_rx_us, step_s=change.step_us / US_PER_S
+            change.kind, self.vehicle, boot, change.t_boot_us, notice.t_rx_us, step_s=change.step_us / US_PER_S
         )
         return Notice(notice.frame_index, event, Rank.CLOCK)
 
     def _reset_notice(self, boot: Boot, reset: Reset, link: LinkClock) -> Notice:
         event = make_event(
             "estimator_reset",
-            self.key,
+            self.vehicle,
             boot.index,
             reset.t1_us,
             link.at(reset.frame_index),
@@ -386,7 +387,7 @@ class VehicleJudge:
         name = self._euler_quaternion.name
         for turn in turns:
             t_rx_us = link.at(turn.frame_index)
-            where = (self.key, boot.index, turn.t_boot_us, t_rx_us - turn.ago_us if t_rx_us >= 0 else t_rx_us)
+            where = (self.vehicle, boot.index, turn.t_boot_us, t_rx_us - turn.ago_us if t_rx_us >= 0 else t_rx_us)
             stream = STREAMS[turn.stream]
             had = {check.name for check in self._checks if boot.has_sources(check)}
             if turn.what == "silent":
@@ -414,7 +415,7 @@ class VehicleJudge:
         for check in self._checks:
             for one in check.breaks():
                 event, signal = ("inop", Signal.BROKEN) if one.broken else ("compare_resumed", Signal.FOUND)
-                where = (self.key, boot.index, one.t_boot_us, link.at(one.frame_index))
+                where = (self.vehicle, boot.index, one.t_boot_us, link.at(one.frame_index))
                 told = make_event(event, *where, check=check.name)
                 if one.broken:
                     told["reason"] = check.broken

@@ -17,6 +17,7 @@ from gcs_bridge.mavlink.scanner import Salvage, Scanner
 from gcs_bridge.recordings.source import announce_compiling, opened, pieces_of, start_us_of
 from gcs_bridge.settings import VehicleSettings
 from gcs_bridge.telemetry.component import VehicleReader
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.samples import (
     ATTITUDE,
     ATTITUDE_QUATERNION,
@@ -71,10 +72,14 @@ def read(path: str | Path, *, dialect: str = "all") -> Recording:
             component = frames["sysid"].astype(np.int64) * 256 + frames["compid"]
             for key in np.unique(component).tolist():
                 rows = np.flatnonzero((component == key) & (frames["duplicate"] == 0))
-                source = gathered.get(key) or gathered.setdefault(key, _Gathered(key // 256, key % 256, tables))
+                source = gathered.get(key) or gathered.setdefault(
+                    key, _Gathered(VehicleId(None, *divmod(key, 256)), tables)
+                )
                 source.take(scanner, frames[rows], frame_indices[rows])
     vehicles = {
-        source.reader.key: source.samples() for _, source in sorted(gathered.items()) if source.reader.is_vehicle
+        source.reader.vehicle.address: source.samples()
+        for _, source in sorted(gathered.items())
+        if source.reader.is_vehicle
     }
     return Recording(path, vehicles, scanner.salvage)
 
@@ -82,8 +87,8 @@ def read(path: str | Path, *, dialect: str = "all") -> Recording:
 class _Gathered:
     """The samples of one (system, component), piece by piece."""
 
-    def __init__(self, sysid: int, compid: int, dialect: Dialect) -> None:
-        self.reader = VehicleReader(sysid, compid, dialect, VehicleSettings())
+    def __init__(self, vehicle: VehicleId, dialect: Dialect) -> None:
+        self.reader = VehicleReader(vehicle, dialect, VehicleSettings())
         self._attitude = [no_attitudes(ATTITUDE)]
         self._quaternion = [no_attitudes(ATTITUDE_QUATERNION)]
         self._imu: dict[str, list[ImuSamples]] = {}

@@ -28,6 +28,7 @@ from gcs_bridge.telemetry.batches import (
     VelocityChange,
 )
 from gcs_bridge.telemetry.clocks import BootClock, OffsetClock
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.imu_units import UnitResolver
 from gcs_bridge.telemetry.samples import (
     AHRS2,
@@ -109,9 +110,9 @@ _NO_ANGLES = np.dtype([("roll", "f4"), ("pitch", "f4"), ("yaw", "f4")])
 class VehicleReader:
     """Reads one (system, component) of a link."""
 
-    def __init__(self, sysid: int, compid: int, dialect: Dialect, settings: VehicleSettings) -> None:
+    def __init__(self, vehicle: VehicleId, dialect: Dialect, settings: VehicleSettings) -> None:
         """Start with nothing heard."""
-        self.key = (sysid, compid)
+        self.vehicle = vehicle
         self.autopilot = "unknown"
         self.type = "unknown"
         self.clock = BootClock()
@@ -236,7 +237,7 @@ class VehicleReader:
 
     def _identify(self, buffer: Bytes, frames: Frames, frame_indices: Int64s, segments: list[BootSegment]) -> None:
         """Follow what the heartbeats and, without them, the attitudes say of it, in their order of arrival."""
-        if self._is_autopilot or self.key[0] == 0:  # an autopilot is one for good; system 0 is nobody's
+        if self._is_autopilot or self.vehicle.sysid == 0:  # an autopilot is one for good; system 0 is nobody's
             return
         rows = self._rows(frames, "HEARTBEAT")
         beats = decode(buffer, frames[rows], self._dialect["HEARTBEAT"])

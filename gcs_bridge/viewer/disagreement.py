@@ -22,8 +22,9 @@ from gcs_bridge.diagnosis.wording import amount
 from gcs_bridge.events import Event
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.pairing.neighbours import in_order
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.rows import Instant, Rows, Times, instant_of, pair_times
-from gcs_bridge.viewer.scene import ARC_M, AXIS_M, Key, Part, corrected_parts, ghost_parts, path_of
+from gcs_bridge.viewer.scene import ARC_M, AXIS_M, Part, corrected_parts, ghost_parts, path_of
 
 __all__ = ["Apart", "Shown", "undoing"]
 _ARC_POINTS = 17
@@ -68,7 +69,7 @@ def undoing(diagnosis: Mapping[str, Any]) -> Undoing | None:
 class Apart:
     """Follows the disagreement of one vehicle, and makes rows and parts of it."""
 
-    def __init__(self, key: Key) -> None:
+    def __init__(self, key: VehicleId) -> None:
         """Start with nothing to be seen."""
         self._apart, self._corrected = path_of(key, "body", "apart"), path_of(key, "body", "corrected")
         self._boot: int | None = None

@@ -8,7 +8,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
-from gcs_bridge.viewer.scene import ANGLES, APART_M, GROUND_M, MOTION, Key, path_of
+from gcs_bridge.telemetry.identity import VehicleId
+from gcs_bridge.viewer.scene import ANGLES, APART_M, GROUND_M, MOTION, path_of
 
 __all__ = ["layout"]
 
@@ -27,7 +28,7 @@ _AXES = {"heading_deg": rrb.ScalarAxis(range=(0.0, 360.0))}
 
 
 def layout(
-    vehicles: Mapping[Key, bool], timeline: str, *, live: bool, around_us: int | None = None, at_end: bool = False
+    vehicles: Mapping[VehicleId, bool], timeline: str, *, live: bool, around_us: int | None = None, at_end: bool = False
 ) -> rrb.Blueprint:
     """Everything on one screen: bodies, comparison and events on the left, each vehicle's numbers on the right.
 
@@ -82,19 +83,19 @@ def layout(
     )
 
 
-def _columns(vehicles: Mapping[Key, bool], axis: rrb.TimeAxis) -> list[rrb.Container]:
+def _columns(vehicles: Mapping[VehicleId, bool], axis: rrb.TimeAxis) -> list[rrb.Container]:
     """One vehicle's plots side by side; of several, one behind the other, and the vehicles side by side."""
     if len(vehicles) == 1:
         ((key, moves),) = vehicles.items()
         return list(_numbers(key, axis, moves=moves))
     columns: list[rrb.Container] = []
     for key, moves in vehicles.items():
-        name = f"{key[0]}.{key[1]}"
+        name = key.name
         columns.append(rrb.Tabs(*_numbers(key, axis, moves=moves, prefix=f"{name} "), name=name))
     return columns if len(columns) <= _ABREAST else [rrb.Tabs(*columns)]
 
 
-def _numbers(key: Key, axis: rrb.TimeAxis, *, moves: bool, prefix: str = "") -> Iterator[rrb.Vertical]:
+def _numbers(key: VehicleId, axis: rrb.TimeAxis, *, moves: bool, prefix: str = "") -> Iterator[rrb.Vertical]:
     """A vehicle's angles and, if it `moves`, its motion: a column each."""
     angles = [
         rrb.TimeSeriesView(

@@ -9,8 +9,9 @@ import numpy as np
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.columns import Floats
 from gcs_bridge.judging.dead_reckoning import MotionSamples, MotionTracker
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.rows import PLOT_HOLD_US, Rows, Times
-from gcs_bridge.viewer.scene import DOWN_M, MOTION, Key, path_of
+from gcs_bridge.viewer.scene import DOWN_M, MOTION, path_of
 
 __all__ = ["MotionLines"]
 
@@ -18,7 +19,7 @@ __all__ = ["MotionLines"]
 class MotionLines:
     """Follows the motion of one vehicle in one boot, and makes rows of it."""
 
-    def __init__(self, key: Key, boot: int) -> None:
+    def __init__(self, key: VehicleId, boot: int) -> None:
         """Start with nothing drawn."""
         self.boot = boot
         self._paths = [path_of(key, "motion", name) for name in MOTION]

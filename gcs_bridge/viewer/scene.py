@@ -31,6 +31,8 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
+from gcs_bridge.telemetry.identity import VehicleId
+
 __all__ = [
     "ANGLES",
     "APART_M",
@@ -41,7 +43,6 @@ __all__ = [
     "GROUND_M",
     "MOTION",
     "UTC",
-    "Key",
     "Part",
     "State",
     "boot_timeline",
@@ -54,7 +55,6 @@ __all__ = [
     "world_parts",
 ]
 
-Key = tuple[int, int]  # (system, component)
 Part = tuple[str, rr.AsComponents]
 State = Literal["compared", "not compared", "warning", "alarm"]
 Point = tuple[float, float, float]
@@ -115,13 +115,13 @@ _SHADES = (0x8FA3B5FF, 0x8FA3B5FF, 0x6F8395FF)
 _OUTLINES = ((_NOSE, _RIGHT, _NOTCH, _LEFT, _NOSE), (_NOTCH, _FIN, _NOSE))
 
 
-def path_of(key: Key, *parts: str) -> str:
+def path_of(key: VehicleId, *parts: str) -> str:
     """The entity of a vehicle, or of a part of it.
 
-    >>> path_of((1, 1), "roll", "euler")
+    >>> path_of(VehicleId(None, 1, 1), "roll", "euler")
     'vehicle/1.1/roll/euler'
     """
-    return "/".join(("vehicle", f"{key[0]}.{key[1]}", *parts))
+    return "/".join(("vehicle", key.name, *parts))
 
 
 def boot_timeline(boot: int) -> str:
@@ -138,7 +138,7 @@ def world_parts() -> Iterator[Part]:
     yield "axes/labels", _labels(corner + 1.2 * vectors, ("north", "east", "down"))
 
 
-def vehicle_parts(key: Key, place: int) -> Iterator[Part]:
+def vehicle_parts(key: VehicleId, place: int) -> Iterator[Part]:
     """All of a vehicle that never changes; it is the `place`-th, from 0."""
     body = path_of(key, "body")
     yield body, rr.Transform3D(translation=(0, place * APART_M, 0))
@@ -176,7 +176,7 @@ def corrected_parts(path: str, text: str) -> Iterator[Part]:
     yield f"{path}/name", rr.Points3D(vectors[1:2], labels=text, colors=_CORRECTED, radii=0.004, show_labels=True)
 
 
-def motion_parts(key: Key) -> Iterator[Part]:
+def motion_parts(key: VehicleId) -> Iterator[Part]:
     """What never changes of a vehicle whose motion is known."""
     down = path_of(key, "body", "down")
     yield f"{down}/attitude", rr.Arrows3D(vectors=[(0, 0, DOWN_M)], colors=_QUATERNION, radii=0.007)
@@ -189,12 +189,10 @@ def motion_parts(key: Key) -> Iterator[Part]:
         )
 
 
-def name_tag(key: Key, state: State) -> rr.Points3D:
+def name_tag(key: VehicleId, state: State) -> rr.Points3D:
     """The vehicle's name and state above it."""
     text, colour = _STATES[state]
-    return rr.Points3D(
-        [(0, 0, -0.75)], labels=f"{key[0]}.{key[1]} {text}", colors=colour, radii=0.004, show_labels=True
-    )
+    return rr.Points3D([(0, 0, -0.75)], labels=f"{key.name} {text}", colors=colour, radii=0.004, show_labels=True)
 
 
 def _labels(tips: npt.NDArray[np.float64], texts: Sequence[str]) -> rr.Points3D:

@@ -14,9 +14,10 @@ import rerun as rr
 
 from gcs_bridge import attitude
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
-from gcs_bridge.events import Event
+from gcs_bridge.events import Event, vehicle_of
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.sinks.event_lines import event_line
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer import scene
 from gcs_bridge.viewer.disagreement import Apart, Shown
@@ -25,7 +26,7 @@ from gcs_bridge.viewer.motion_lines import MotionLines
 from gcs_bridge.viewer.open import ViewerSink
 from gcs_bridge.viewer.processes import Window
 from gcs_bridge.viewer.rows import PLOT_HOLD_US, Instant, Rows, Times, instant_of, pair_times
-from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, Key, boot_timeline, path_of
+from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, boot_timeline, path_of
 
 __all__ = ["RerunSink", "new_recording"]
 
@@ -60,7 +61,7 @@ def new_recording(name: str, *, live: bool) -> rr.RecordingStream:
 class _Vehicle:
     """What is remembered of a vehicle."""
 
-    def __init__(self, key: Key) -> None:
+    def __init__(self, key: VehicleId) -> None:
         self.compared: set[int] = set()  # boots in which something could be compared
         self.silent = False  # by the latest event: there is nothing to compare
         self.raised: dict[str, str] = {}  # alarms of all checks, by id: severity
@@ -92,7 +93,7 @@ class RerunSink(ViewerSink):
         self._holds = live and gather == 1  # plots, not attitudes
         self._waiting: dict[tuple[int | str, ...], list[Rows]] = {}
         self._window = window
-        self._vehicles: dict[Key, _Vehicle] = {}
+        self._vehicles: dict[VehicleId, _Vehicle] = {}
         self._first: Instant | None = None
         self._latest_rx_us = -1
         self._boots: set[int] = set()
@@ -131,7 +132,7 @@ class RerunSink(ViewerSink):
         if not event["vehicle"]:
             self._rec.log("link/events", text)
             return
-        key = (event["vehicle"][0], event["vehicle"][1])
+        key = vehicle_of(event)
         vehicle = self._vehicle(key)
         self._rec.log(path_of(key, "events"), text)
         if name == "alarm_raised":
@@ -184,7 +185,7 @@ class RerunSink(ViewerSink):
                 Rows.joined(waiting).send(self._rec)
                 waiting.clear()
 
-    def _vehicle(self, key: Key) -> _Vehicle:
+    def _vehicle(self, key: VehicleId) -> _Vehicle:
         vehicle = self._vehicles.get(key)
         if vehicle is None:
             self._draw(scene.vehicle_parts(key, len(self._vehicles)))
@@ -193,7 +194,7 @@ class RerunSink(ViewerSink):
                 self._lay_out()
         return vehicle
 
-    def _draw_attitude(self, key: Key, source: str, samples: AttitudeSamples) -> None:
+    def _draw_attitude(self, key: VehicleId, source: str, samples: AttitudeSamples) -> None:
         if not len(samples):
             return
         times = Times(int(samples.boot[0]), samples.t_boot_us, samples.t_rx_us)
@@ -207,7 +208,7 @@ class RerunSink(ViewerSink):
         self._draw_rows(Rows(times, {path_of(key, "body", source): xyzw}))
         self._draw_rows(Rows(times, numbers={path_of(key, name, source): values for name, values in angles.items()}))
 
-    def _draw_disagreement(self, key: Key, vehicle: _Vehicle, observation: Observation) -> None:
+    def _draw_disagreement(self, key: VehicleId, vehicle: _Vehicle, observation: Observation) -> None:
         segment, found, times = observation.segment, observation.disagreement, pair_times(observation)
         judged = np.flatnonzero(found.judged)
         if len(judged) and segment.boot not in vehicle.compared:
@@ -220,7 +221,7 @@ class RerunSink(ViewerSink):
         degrees = np.degrees([values[name] for name in DISAGREEMENT]).T
         self._draw_rows(Rows(times, numbers={path_of(key, "disagreement"): degrees}))
 
-    def _draw_turned(self, key: Key, vehicle: _Vehicle, samples: AttitudeSamples) -> None:
+    def _draw_turned(self, key: VehicleId, vehicle: _Vehicle, samples: AttitudeSamples) -> None:
         """Turn the drawn airframes, and nothing else, where the vehicle asks displays to: PX4's tailsitters do."""
         offsets = samples.repr_offset_q
         assert offsets is not None
@@ -236,7 +237,7 @@ class RerunSink(ViewerSink):
             for source in ("euler", "quaternion"):
                 self._draw_rows(Rows(times, {path_of(key, "body", source, "airframe"): xyzw}))
 
-    def _draw_motion(self, key: Key, vehicle: _Vehicle, observation: Observation) -> None:
+    def _draw_motion(self, key: VehicleId, vehicle: _Vehicle, observation: Observation) -> None:
         """Draw how the vehicle moves, from its first inertial sample on."""
         flight, boot, lines = observation.flight, observation.segment.boot, vehicle.motion
         if lines is None or lines.boot != boot:
@@ -283,7 +284,7 @@ class RerunSink(ViewerSink):
             for path, archetype in shown.parts:
                 self._rec.log(path, archetype)
 
-    def _state(self, key: Key, state: scene.State) -> None:
+    def _state(self, key: VehicleId, state: scene.State) -> None:
         self._rec.log(path_of(key, "state"), rr.StateChange(state=state))
         self._rec.log(path_of(key, "body", "name"), scene.name_tag(key, state))
 

@@ -19,6 +19,7 @@ from gcs_bridge import Monitor
 from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.cli import main
 from gcs_bridge.events import make_event
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer import open_viewer
 from gcs_bridge.viewer.sink import RerunSink, new_recording
 from tests.helpers import wire
@@ -245,7 +246,7 @@ def test_the_state_is_the_worst_that_is_raised(tmp_path: Path) -> None:
     with open_viewer(f"save:{path}", say=pytest.fail) as viewer:
         sink = viewer.recording("by hand")
         for second, (name, alarm, severity, _) in enumerate(story):
-            event = make_event(name, (1, 1), 0, 1_000_000 * second, -1, check="gravity")
+            event = make_event(name, VehicleId(None, 1, 1), 0, 1_000_000 * second, -1, check="gravity")
             record = AlarmRecord(id=alarm, check="gravity", severity=severity, boot=0, what="", is_not="")
             sink.event(event | asdict(record))
         sink.finish()
