@@ -11,7 +11,7 @@ import numpy.typing as npt
 from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.columns import Int64s
 from gcs_bridge.events import Event, Notice, Rank, in_order, make_event
-from gcs_bridge.judging.observation import Observer
+from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.vehicle import VehicleJudge
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import FRAME, Bytes, Frames
@@ -32,16 +32,29 @@ FrameObserver = Callable[[int | str, Sequence[RawFrame]], None]
 class LinkVehicle:
     """One (system, component) of a link, which may turn out to be a vehicle."""
 
-    def __init__(self, reader: VehicleReader, judge: VehicleJudge) -> None:
-        self.reader = reader
-        self.judge = judge
+    def __init__(self, vehicle: VehicleId, dialect: Dialect, settings: Settings, observer: Observer | None) -> None:
+        """Start with nothing heard; `observer` is shown what is judged, once it is known to be a vehicle's."""
+        self._observed: list[Observation] = []  # and not shown yet
+        self.reader = VehicleReader(vehicle, dialect, settings.vehicle)
+        self.judge = VehicleJudge(vehicle, settings, None if observer is None else self._observed.append)
+        self._observer = observer
         self._presence = Presence()
         self._seen = False
         self._held: list[Notice] = []  # until it is known to be one
 
     def take(self, batch: VehicleBatch, frame_indices: Int64s, link: LinkClock) -> list[Notice]:
         """Judge what a batch brought, in its frames `frame_indices`."""
-        return self._release([*self._turns(frame_indices, link), *self.judge.take(batch, frame_indices, link)])
+        notices = [*self._turns(frame_indices, link), *self.judge.take(batch, frame_indices, link)]
+        self._show()
+        return self._release(notices)
+
+    def _show(self) -> None:
+        """Show what was judged, unless it is not known yet whose it is, or known to be no vehicle's."""
+        if self.reader.is_vehicle and self._observer is not None:
+            for observation in self._observed:
+                self._observer(observation)
+        if self.reader.is_decided:
+            self._observed.clear()
 
     def advance(self, link: LinkClock) -> list[Notice]:
         """Time passed on the link and nothing of this vehicle came."""
@@ -99,6 +112,7 @@ class Link:
         self._window_s = window_s
         self._observer = observer
         self._number = number  # None: of the first link, or a recording
+        self.is_open = True
         self._start_us: int | None = None
         self._latest_rx_us = -1
         self._vehicles: dict[int, LinkVehicle] = {}
@@ -119,22 +133,31 @@ class Link:
         scanner = self._scanner
         found: list[Frames] = []
         buffers: list[Bytes] = []
-        size = 0
         for data, t_rx_us in pieces:
             frames = scanner.scan(data, t_rx_us=t_rx_us, final=final or self._datagrams)
             if self.on_frames is not None and len(scanner.all_frames):
                 self.on_frames(scanner.raw_frames())
-            frames["payload"] += size  # the index in all buffers together
             found.append(frames)
             buffers.append(scanner.buffer)
-            size += len(scanner.buffer)
         if not any(map(len, found)):
             return []
         if len(found) == 1:
             return events_of(self._judge(found[0], buffers[0]))
         # As plain bytes: numpy takes long to join structured arrays.
         frames = np.concatenate([frames.view(_FRAME_BYTES) for frames in found]).view(FRAME)
+        starts = np.cumsum([0, *map(len, buffers[:-1])])
+        frames["payload"] += np.repeat(starts, [len(frames) for frames in found])  # in all buffers together
         return events_of(self._judge(frames, np.concatenate(buffers)))
+
+    def open(self, *, datagrams: bool) -> None:
+        """It is there again, and goes on counting where it left off."""
+        self._datagrams = datagrams
+        self.is_open = True
+
+    def close(self, t_rx_us: int) -> list[Event]:
+        """It has ended at `t_rx_us`: half a frame is given up; its vehicles fall silent as time passes."""
+        self.is_open = False
+        return [*self.finish(), *self.advance(t_rx_us)]
 
     def advance(self, t_rx_us: int) -> list[Event]:
         """Time has come to `t_rx_us` and nothing came."""
@@ -194,8 +217,7 @@ class Link:
 
     def _new_vehicle(self, key: int) -> LinkVehicle:
         vehicle_id = VehicleId(self._number, *divmod(key, 256))
-        reader = VehicleReader(vehicle_id, self._dialect, self._settings.vehicle)
-        vehicle = LinkVehicle(reader, VehicleJudge(vehicle_id, self._settings, self._observer))
+        vehicle = LinkVehicle(vehicle_id, self._dialect, self._settings, self._observer)
         self._vehicles[key] = vehicle
         return vehicle
 

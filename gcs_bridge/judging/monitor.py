@@ -57,19 +57,32 @@ class Monitor:
 
     def open_link(self, link: int, *, datagrams: bool = False) -> None:
         """Say before its first bytes that `link` brings datagrams: each `feed` is then one, with its borders."""
-        if link in self._links:
+        found = self._links.get(link)
+        if found is None:
+            self._new_link(link, timed=False, datagrams=datagrams)
+        elif found.is_open:
             raise ValueError(f"link {link} is open already")
-        self._new_link(link, timed=False, datagrams=datagrams)
+        else:
+            found.open(datagrams=datagrams)
+
+    def close_link(self, link: int, t_rx_us: int) -> list[Event]:
+        """A link has ended at `t_rx_us`: half a frame that it left behind is dropped and counted as unreadable.
+
+        `advance` goes on telling of its vehicles, which fall silent and are lost in time. With `open_link`, or its next
+        bytes, it is there again. ValueError where it is not open.
+        """
+        found = self._links.get(link)
+        if found is None or not found.is_open:
+            raise ValueError(f"link {link} is not open")
+        return found.close(t_rx_us)
 
     def feed(self, data: bytes | bytearray | memoryview, t_rx_us: int, link: int = 0) -> list[Event]:
         """Take the next bytes of a link, or one datagram, received at `t_rx_us` (µs since 1970; −1: unknown)."""
-        found = self._links.get(link) or self._new_link(link, timed=False)
-        return found.feed(data, t_rx_us)
+        return self._open(link, datagrams=False).feed(data, t_rx_us)
 
     def feed_datagrams(self, datagrams: Sequence[Datagram], link: int = 0) -> list[Event]:
         """Take several datagrams of a link at once: the same as one `feed` each, at less cost."""
-        found = self._links.get(link) or self._new_link(link, timed=False, datagrams=True)
-        return found.feed_pieces(datagrams)
+        return self._open(link, datagrams=True).feed_pieces(datagrams)
 
     def feed_recording(self, piece: bytes | bytearray | memoryview) -> list[Event]:
         """Take the next piece of a .tlog, cut anywhere; its records bring their receive times."""
@@ -121,6 +134,12 @@ class Monitor:
     def span_s(self) -> float:
         """From the first receive time to the last, over all links."""
         return max((link.span_us for link in self._links.values()), default=0) / 1e6
+
+    def _open(self, link: int, *, datagrams: bool) -> Link:
+        """The link, opened as it was before, or as what it seems to be."""
+        found = self._links.get(link) or self._new_link(link, timed=False, datagrams=datagrams)
+        found.is_open = True
+        return found
 
     def _new_link(self, name: int | str, *, timed: bool, datagrams: bool = False) -> Link:
         scanner = Scanner(self._dialect, timed=timed)

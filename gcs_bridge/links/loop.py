@@ -74,7 +74,7 @@ def listen(
             waiter.add(one)
             one.say("link_up")
         ticked_s = time.monotonic()
-        while listened:
+        while not all(one.ended for one in listened):
             now_s = time.monotonic()
             if stop() or (ends_s is not None and now_s >= ends_s):
                 return True
@@ -86,9 +86,8 @@ def listen(
                 for one in listened:
                     if one not in heard:  # there may be more to come that waited while this process was held up
                         one.advance()
-            for one in [one for one in listened if one.ended]:
+            for one in [one for one in ready if one.ended]:
                 waiter.remove(one)
-                listened.remove(one)
             if ready:
                 time.sleep(max(batch_s - (time.monotonic() - taken_s), 0))
     return False
@@ -112,6 +111,7 @@ class _Listened:
             pieces = self.link.drain()
         except LinkDownError as end:
             self.ended = True
+            self._pass_on(self._monitor.close_link(self._number, now_us()))
             self.say("link_down", reason=str(end))
             return False
         if self.link.datagrams:

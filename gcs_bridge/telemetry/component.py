@@ -139,6 +139,11 @@ class VehicleReader:
         """Whether it is known to be a vehicle by now."""
         return bool(self._standing) and self._standing[-1][1]
 
+    @property
+    def is_decided(self) -> bool:
+        """Whether it is known by now that it is a vehicle, or that it is none."""
+        return bool(self._standing)
+
     def is_vehicle_at(self, frame_index: int) -> bool:
         """Whether it was known to be a vehicle once the frame `frame_index` had come."""
         known = [is_one for since, is_one in self._standing if since <= frame_index]
