@@ -288,7 +288,7 @@ def test_nothing_comes() -> None:
 
 
 def test_one_link_breaks_the_other_goes_on() -> None:
-    """The end of a link is an event with its reason, and the end of that link alone."""
+    """The end of a link is an event with its reason, and the end of that link alone; its vehicle is lost in time."""
     frames = fixture("a_copter_square", from_s=75, to_s=76)
     link, uri = udp_link()
     with tcp_sender(frames, 20) as (port, _):
@@ -298,6 +298,9 @@ def test_one_link_breaks_the_other_goes_on() -> None:
             for frame in frames:
                 sender.sendto(frame.data, (uri.host, uri.port))
             wait_until(lambda: live.names().count("vehicle_seen") == 2)
+            wait_until(lambda: "vehicle_lost" in live.names(), 10.0)
+    lost = [event["link"] for event in live.events if event["event"] == "vehicle_lost"]
+    assert lost[0] == f"tcp:127.0.0.1:{port}"
     down = next(event for event in live.events if event["event"] == "link_down")
     assert (down["link"], down["reason"]) == (f"tcp:127.0.0.1:{port}", "the other side has closed the connection")
 
