@@ -35,7 +35,7 @@ class LinkDownError(Exception):
 
 
 class Link:
-    """What all links share; made by `gcs_bridge.sources.open.open_link`."""
+    """What all links share; made by `gcs_bridge.links.open.open_link`."""
 
     datagrams: ClassVar[bool] = False
 

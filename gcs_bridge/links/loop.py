@@ -88,6 +88,7 @@ def listen(
                         one.advance()
             for one in [one for one in ready if one.ended]:
                 waiter.remove(one)
+                one.link.close()
             if ready:
                 time.sleep(max(batch_s - (time.monotonic() - taken_s), 0))
     return False
