@@ -375,8 +375,8 @@ def test_the_motion_that_is_advised_tells() -> None:
     assert 0 < sum(advised.values()) <= 10
     slowly = np.concatenate((np.zeros(250), np.linspace(0, 1, 25), np.ones(50)))
     yaw_deg = np.concatenate((np.linspace(20, 80, 250), np.full(75, 80.0))) + advised.get("yaw", 0.0) * slowly
-    lean = {f"{axis}_deg": advised.get(axis, 0.0) * slowly for axis in ("roll", "pitch")}
-    t_s, true, rates = turning(yaw_deg, **lean)
+    roll_deg, pitch_deg = (advised.get(axis, 0.0) * slowly for axis in ("roll", "pitch"))
+    t_s, true, rates = turning(yaw_deg, roll_deg=roll_deg, pitch_deg=pitch_deg)
     assert told(diagnose(made(t_s, true, rates, **mistaken("yaw_sign", true)))).candidates == ("yaw_sign",)
 
 

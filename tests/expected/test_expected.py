@@ -97,14 +97,17 @@ def from_rpy(rpy_rad: Floats) -> Rotation:
 
 def samples(source: str, t_us: Int64s, q_nb: Floats, w: Floats, rpy_rad: Floats | None = None) -> AttitudeSamples:
     none = np.zeros(len(t_us), np.int64)
-    return AttitudeSamples(t_us, none, none - 1, q_nb, w, np.isfinite(q_nb).all(axis=1), source, rpy_rad)
+    valid = np.asarray(np.isfinite(q_nb).all(axis=1))
+    return AttitudeSamples(t_us, none, none - 1, q_nb, w, valid, source, rpy_rad)
 
 
 @cache
 def recorded(name: str, sysid: int = 1) -> CheckBatch:
     """A bundled recording, as pymavlink reads it."""
     link = mavutil.mavlink_connection(str(FIXTURES / f"{name}.tlog"), dialect="all")
-    euler, quaternion, news, frame_index = [], [], News(), 0
+    euler: list[list[float]] = []
+    quaternion: list[list[float]] = []
+    news, frame_index = News(), 0
     while (message := link.recv_msg()) is not None:
         frame_index += 1
         if (message.get_srcSystem(), message.get_srcComponent()) != (sysid, 1):
@@ -142,11 +145,11 @@ def flown(
     if n > 1:
         w[:-1] = (attitude[:-1].inv() * attitude[1:]).as_rotvec() * hz
     rpy = sent if isinstance(sent, np.ndarray) else (attitude if sent is None else sent).as_euler("ZYX")[:, ::-1]
-    rpy = np.float32(rpy).astype(np.float64)
+    rpy = np.asarray(rpy, np.float32).astype(np.float64)
     return CheckBatch(
         samples(ATTITUDE, t_us, wxyz(from_rpy(rpy)), w, rpy),
         10 + 2 * np.arange(n),
-        samples(ATTITUDE_QUATERNION, t_us, np.float32(wxyz(attitude)).astype(np.float64), w),
+        samples(ATTITUDE_QUATERNION, t_us, wxyz(attitude).astype(np.float32).astype(np.float64), w),
         11 + 2 * np.arange(n),
         [] if news is None else news,
     )
@@ -198,7 +201,8 @@ def once(parameters: dict[str, float], rpy_deg: list[float], custom_mode: int = 
     """What one sample of a plane stands for, once its parameters are told."""
     news: News = [mode(custom_mode), *(ParameterSet(1, name, value) for name, value in parameters.items())]
     level = Rotation.identity(1)
-    return follow(flown(level, np.radians([rpy_deg]), news)).q_nb[0]
+    q_nb: Floats = follow(flown(level, np.radians([rpy_deg]), news)).q_nb[0]
+    return q_nb
 
 
 def test_a_pitch_trim_by_hand() -> None:
@@ -520,7 +524,9 @@ def test_ninety_degrees_without_a_vtol_mode_are_a_fault() -> None:
     rpy = weaving(300, 5.0, 2.0)
     turned = from_rpy(rpy) * Rotation.from_euler("y", 90.0, degrees=True)
     no_tailsitter: News = [mode(18), ParameterSet(2, "Q_TAILSIT_ENABLE", 0.0), ParameterSet(3, "Q_TRIM_PITCH", 0.0)]
-    for news in ([mode(5)], [mode(10)], no_tailsitter, [mode(18), ParameterSet(1, "Q_ENABLE", 0.0)]):
+    no_vtol: News = [mode(18), ParameterSet(1, "Q_ENABLE", 0.0)]
+    never_vtol: list[News] = [[mode(5)], [mode(10)], no_tailsitter, no_vtol]
+    for news in never_vtol:
         assert (follow(flown(turned, rpy, news)).apart_deg > 80.0).all()
 
 
@@ -624,8 +630,8 @@ def test_invalid_samples_take_no_part() -> None:
     flight = recorded("d_plane_pitchtrim3")
     rpy, q = np.array(flight.euler.rpy_rad), flight.quaternion.q_nb.copy()
     rpy[5::7], q[3::11] = np.nan, np.nan
-    euler = dataclasses.replace(flight.euler, rpy_rad=rpy, valid=np.isfinite(rpy).all(axis=1))
-    quaternion = dataclasses.replace(flight.quaternion, q_nb=q, valid=np.isfinite(q).all(axis=1))
+    euler = dataclasses.replace(flight.euler, rpy_rad=rpy, valid=np.asarray(np.isfinite(rpy).all(axis=1)))
+    quaternion = dataclasses.replace(flight.quaternion, q_nb=q, valid=np.asarray(np.isfinite(q).all(axis=1)))
     expected = Expected()
     expected.told(flight.news)
     corrected = expected.correct(euler, flight.euler_frame_index, quaternion, flight.quaternion_frame_index)

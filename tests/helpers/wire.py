@@ -11,6 +11,7 @@ from pymavlink.generator.mavcrc import x25crc
 from scipy.spatial.transform import Rotation, RotationSpline
 
 Array = NDArray[np.float64]
+Seconds = float | NDArray[np.floating[Any]]
 
 START_US = 1_700_000_000_000_000  # a record time, µs since 1970: 14 November 2023
 ARDUPILOT, PX4, NO_AUTOPILOT = 3, 12, 8  # MAV_AUTOPILOT
@@ -87,17 +88,17 @@ class Motion:
             turned.append(turned[-1] * Rotation.from_rotvec(step))
         self._spline = RotationSpline(knots, Rotation.concatenate(turned))
 
-    def rotation(self, t_s: float | Array) -> Rotation:
+    def rotation(self, t_s: Seconds) -> Rotation:
         return self._spline(t_s)
 
-    def wxyz(self, t_s: float | Array) -> Array:
+    def wxyz(self, t_s: Seconds) -> Array:
         return wxyz(self._spline(t_s))
 
-    def rpy(self, t_s: float | Array) -> Array:
+    def rpy(self, t_s: Seconds) -> Array:
         rpy: Array = self._spline(t_s).as_euler("ZYX")[..., ::-1]
         return rpy
 
-    def rates(self, t_s: float | Array) -> Array:
+    def rates(self, t_s: Seconds) -> Array:
         """Angular rate in body axes, rad/s."""
         w: Array = self._spline(t_s, 1)
         return w

@@ -231,6 +231,7 @@ def test_a_window_opens_at_the_alarm_and_its_end_is_told(tmp_path: Path, monkeyp
                 raised += [event] if event["event"] == "alarm_raised" else []
             assert sink.finish("alarm")
             window = viewer._window
+            assert window is not None
             seen = Headless(window._port, window.process)
             eventually(lambda: seen.client.get_state().recordings[0].current_time == round(raised[0]["boot_s"] * 1e9))
             os.killpg(window.process.pid, signal.SIGKILL)
