@@ -83,7 +83,9 @@ def test_the_limit_of_a_step_while_turning(deg: float, alarm: bool) -> None:
 @pytest.mark.parametrize("side", SIDES)
 def test_rates_of_another_scale(side: str, factor: float) -> None:
     """Slopes of 1/1.5 and 1/0.68 from the beginning: with 8 s of them, and 5 s more of waiting, a warning."""
-    (warning,) = alarms(judged(Craft(turn=SWAY, **one_sided(side, with_rates(lambda rates: factor * rates))), 25), "kinematics")
+    (warning,) = alarms(
+        judged(Craft(turn=SWAY, **one_sided(side, with_rates(lambda rates: factor * rates))), 25), "kinematics"
+    )
     assert warning["severity"] == "warning"
     assert warning["what"] == f"the rates of {SIDES[side]} have another scale than its turn"
     assert warning["raised_boot_s"] == pytest.approx(8.0 + 5.0, abs=0.15)

@@ -29,9 +29,7 @@ def test_the_file_holds_the_moment(moment: Path) -> None:
     """Rerun's own check is content; the rows are those of pymavlink within 10 s; the alarm is in the log."""
     verify(moment)
     drawn = Drawn(moment)
-    frames = [
-        mavlink.MAVLink(None).parse_char(f) for _, f in wire.records((moment.parents[3] / "a.tlog").read_bytes())
-    ]
+    frames = [mavlink.MAVLink(None).parse_char(f) for _, f in wire.records((moment.parents[3] / "a.tlog").read_bytes())]
     boot_us, xyzw = drawn.numbers("/vehicle/1.1/body/quaternion", "Transform3D:quaternion")
     times, levels = drawn.rows("/vehicle/1.1/events", "TextLog:level")
     (raised_us, *_) = [time for time, level in zip(times.tolist(), levels, strict=True) if level == ["CRITICAL"]]
