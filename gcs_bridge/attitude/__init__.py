@@ -8,6 +8,7 @@ norm, gives a NaN row (False in a mask) and disturbs no other. A row gives the s
 The rules M1 to M24 that docstrings cite stand in CONVENTIONS.md. This package imports numpy and nothing else of ours.
 """
 
+from gcs_bridge.attitude.dead_reckoning import DeadReckoner, DeadReckoning, RestWatch, at_rest, dead_reckon
 from gcs_bridge.attitude.euler import (
     euler_from_matrix,
     euler_from_quaternion,
@@ -42,15 +43,10 @@ from gcs_bridge.attitude.frames import (
 )
 from gcs_bridge.attitude.gravity import (
     G_M_S2,
-    DeadReckoner,
-    DeadReckoning,
-    RestWatch,
     acceleration_level,
     acceleration_ned,
     accelerometer_tilt,
-    at_rest,
     body_down,
-    dead_reckon,
     down_from_specific_force,
     hover_thrust,
     level_from_ned,

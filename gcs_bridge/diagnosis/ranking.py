@@ -15,7 +15,6 @@ import numpy as np
 
 from gcs_bridge.columns import Floats, Int64s, Mask
 from gcs_bridge.diagnosis import fits
-from gcs_bridge.diagnosis.causes import CAUSES
 from gcs_bridge.diagnosis.hypotheses import (
     AHRS_TRIM,
     NO_MISTAKE,
@@ -23,9 +22,9 @@ from gcs_bridge.diagnosis.hypotheses import (
     TRIMS,
     VTOL_VIEW,
     Hypothesis,
-    apart_rad,
     doubles,
 )
+from gcs_bridge.diagnosis.likeness import NAMED_MS, by_name, covers, likeliest, same, same_mistake
 from gcs_bridge.diagnosis.window import Comparison, Pairing, set_back
 from gcs_bridge.settings import AlignmentSettings
 
@@ -34,7 +33,6 @@ from gcs_bridge.settings import AlignmentSettings
 _MEDIAN, _P90, _SCORE = 1.0, 2.0, 1.0
 _FLOOR_CLEAN_RAD, _FLOOR_RAD = np.radians(0.003), np.radians(0.03)
 _SCREEN = 3.0  # how much worse a hypothesis may look on some of the pairs to be tried on all
-_NAMED_RAD, _NAMED_MS = np.radians(0.2), 2.0  # what is this near to a simpler mistake gets its name
 # The right hypothesis scores less, but for one time in fifty. A worse one must stand up to two mistakes, and gives way
 # to those that score so many times less; of two mistakes nothing worse is believed.
 SHARP, _GIVES_WAY = 0.25, 5.0
@@ -74,7 +72,7 @@ class Verdict(NamedTuple):
     def next_best(self) -> RatedHypothesis | None:
         """What leaves least beside what was found: neither the same nor a mistake that has it as a special case."""
         found = [one.hypothesis for one in self.found]
-        return next((one for one in self.tried if not any(_covers(one.hypothesis, of) for of in found)), None)
+        return next((one for one in self.tried if not any(covers(one.hypothesis, of) for of in found)), None)
 
 
 class HypothesisSearch:
@@ -187,7 +185,7 @@ class HypothesisSearch:
             made += self._fit_trims(self._few, turns)
         if self._skew_s and (not told or "time_skew" in told):
             skewed = self._refined(self._fit_trims(self._back(self._few, self._skew_s), [NO_MISTAKE]))
-            made += [one for one in skewed if abs(one.skew_ms) > _NAMED_MS]
+            made += [one for one in skewed if abs(one.skew_ms) > NAMED_MS]
         return made
 
     # Hypotheses of two mistakes
@@ -288,11 +286,11 @@ class HypothesisSearch:
         excused_rad = max(_EXCUSED * best.median_rad, _EXCUSED_FLOORS * self._floor_rad)
         tied = [one for one in good if one.median_rad <= excused_rad]
         unique: dict[str, RatedHypothesis] = {}
-        for one in sorted(tied, key=lambda one: (*_likeliest(one.hypothesis)[:2], one.score)):
-            named = replace(one, hypothesis=_by_name(one.hypothesis))
-            if not any(_same(named.hypothesis, other.hypothesis) for other in unique.values()):
+        for one in sorted(tied, key=lambda one: (*likeliest(one.hypothesis)[:2], one.score)):
+            named = replace(one, hypothesis=by_name(one.hypothesis))
+            if not any(same(named.hypothesis, other.hypothesis) for other in unique.values()):
                 unique.setdefault(named.hypothesis.name, named)
-        return sorted(unique.values(), key=lambda one: _likeliest(one.hypothesis))
+        return sorted(unique.values(), key=lambda one: likeliest(one.hypothesis))
 
 
 def _onset(residual_rad: Floats, bound_rad: Floats) -> int:
@@ -313,15 +311,15 @@ def _with_trims(found: Sequence[RatedHypothesis], trimmed: Sequence[RatedHypothe
     better = [one for one in sharp if one.score < _best(found) / _GIVES_WAY]
     kept: list[RatedHypothesis] = []
     for one in (*(one for one in found if one.score <= SHARP or not better), *sharp):
-        same = [other for other in kept if other.hypothesis.mistaken == one.hypothesis.mistaken]
-        if any(one.score < _BETTER * other.score for other in same):
-            kept = [*(other for other in kept if other not in same), one]
-        elif same:
-            news = not any(_same_mistake(one.hypothesis, other.hypothesis) for other in same)
+        alike = [other for other in kept if other.hypothesis.mistaken == one.hypothesis.mistaken]
+        if any(one.score < _BETTER * other.score for other in alike):
+            kept = [*(other for other in kept if other not in alike), one]
+        elif alike:
+            news = not any(same_mistake(one.hypothesis, other.hypothesis) for other in alike)
             kept += [one] if news else []
         elif one in found or one in better or all(one.hypothesis.numbers <= of.hypothesis.numbers for of in kept):
             kept.append(one)
-    return sorted(kept, key=lambda one: _likeliest(one.hypothesis))
+    return sorted(kept, key=lambda one: likeliest(one.hypothesis))
 
 
 def _best(found: Sequence[RatedHypothesis]) -> float:
@@ -349,34 +347,6 @@ def _quantile(values: Floats, of: Mask, share: float) -> Floats:
     return np.where(count >= _LEAST, np.take_along_axis(ordered, place[:, None], axis=1)[:, 0], np.nan)
 
 
-def _by_name(hypothesis: Hypothesis) -> Hypothesis:
-    """A constant turn that is nearly a mistake without a value is that mistake."""
-    if not hypothesis.numbers:
-        return hypothesis
-    return next((simple for simple in SIMPLE if alike(simple, hypothesis)), hypothesis)
-
-
-def alike(one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two hypotheses are nearly the same for every motion."""
-    return abs(one.skew_ms - other.skew_ms) < _NAMED_MS and apart_rad(one, other) < _NAMED_RAD
-
-
-def _same(one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether only one of two hypotheses need be named: they mean the same, and either both or none is a mistake."""
-    return bool(one.mistaken) == bool(other.mistaken) and alike(one, other)
-
-
-def _same_mistake(one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two hypotheses are nearly the same but for their trims."""
-    return alike(*(Hypothesis(tuple(of for of in each.mistakes if of[0] not in TRIMS)) for each in (one, other)))
-
-
-def _covers(one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether the first is the second or has it as a special case."""
-    same = one.mistaken == other.mistaken or (one.name, other.name) == ("world_offset", "yaw_offset")
-    return same or alike(one, other)
-
-
 def _spread(bad: Mask, count: int) -> Int64s:
     """Places of at most `count` pairs: half of them evenly chosen, half evenly among those that disagree as sent."""
     every = np.arange(len(bad))
@@ -387,18 +357,3 @@ def _spread(bad: Mask, count: int) -> Int64s:
 
 def _evenly(rows: Int64s, count: int) -> Int64s:
     return rows[np.linspace(0, len(rows) - 1, min(count, len(rows))).astype(np.int64)]
-
-
-_ORDER = {name: place for place, name in enumerate(CAUSES)}
-
-
-def _likeliest(hypothesis: Hypothesis) -> tuple[int, int, list[int]]:
-    """Few mistakes before many, few numbers before many, then the table's order: what is often met stands first there.
-
-    A trim is no mistake: alone it comes first.
-    """
-    return (
-        len(hypothesis.mistaken),
-        hypothesis.numbers,
-        sorted(_ORDER.get(name, len(_ORDER)) for name in hypothesis.causes),
-    )

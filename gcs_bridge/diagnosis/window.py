@@ -99,7 +99,7 @@ class Comparison(NamedTuple):
     bound_rad: Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Pairing:
     """Which samples make k pairs once the quaternion's stamps are set back by a skew.
 
@@ -243,6 +243,16 @@ def _paired(
     kept = np.flatnonzero(inside & (before >= 0) & (h_s <= alignment.max_gap_s))
     sample, before, after, h_s, t_s = sample[kept], before[kept], after[kept], h_s[kept], t_s[kept]
     u = np.where(before == after, 0.0, np.clip((t_s - fast.t_s[before]) / h_s, 0.0, 1.0))
-    previous = np.maximum(sample - 1, 0)
-    bound_rad = alignment.same_instant_bound_rad
-    return Pairing(window, of, slower, sample, previous, before, after, u, h_s, bound_rad), kept
+    found = Pairing(
+        window=window,
+        streams=of,
+        slower=slower,
+        sample=sample,
+        previous=np.maximum(sample - 1, 0),
+        before=before,
+        after=after,
+        u=u,
+        h_s=h_s,
+        same_bound_rad=alignment.same_instant_bound_rad,
+    )
+    return found, kept
