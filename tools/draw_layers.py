@@ -10,6 +10,7 @@ imports from the code. Only the way of the data is told here.
 from __future__ import annotations
 
 import ast
+import math
 import re
 import sys
 import textwrap
@@ -46,12 +47,13 @@ LEGEND = (
 )
 
 # All lengths in pixels of the picture.
-MARGIN, GAP = 24, 10
+MARGIN, GAP = 24, 6
 LAYERS_LEFT, LAYERS_WIDTH = 60, 690
 WAY_LEFT, WAY_WIDTH = 786, 230
 WIDTH = WAY_LEFT + WAY_WIDTH + MARGIN
 TOP = 74
 PADDING = 12
+ROW = 4  # boxes at most, side by side
 NAME_WIDTH, NUMBER_WIDTH, NAME_HEIGHT = 112, 30, 21
 LINE_HEIGHT, SMALL_LINE_HEIGHT = 16, 14
 STATION_HEIGHT, STATION_GAP = 42, 22
@@ -205,12 +207,21 @@ def draw_layers(layers: Iterable[list[Room]]) -> tuple[list[str], float]:
     drawn: list[str] = []
     y: float = TOP
     for layer in layers:
-        width = (LAYERS_WIDTH - GAP * (len(layer) - 1)) / len(layer)
-        height = max(room.height(width) for room in layer)
-        for place, room in enumerate(layer):
-            drawn += draw_room(room, LAYERS_LEFT + place * (width + GAP), y, width, height)
-        y += height + GAP
-    return drawn, y - GAP
+        for row in rows_of(layer):
+            width = (LAYERS_WIDTH - GAP * (len(row) - 1)) / len(row)
+            height = max(room.height(width) for room in row)
+            for place, room in enumerate(row):
+                drawn += draw_room(room, LAYERS_LEFT + place * (width + GAP), y, width, height)
+            y += height + GAP
+        y += GAP
+    return drawn, y - 2 * GAP
+
+
+def rows_of(layer: list[Room]) -> Iterator[list[Room]]:
+    """A layer in rows of about equal length."""
+    rows = math.ceil(len(layer) / ROW)
+    for row in range(rows):
+        yield layer[len(layer) * row // rows : len(layer) * (row + 1) // rows]
 
 
 def draw_way() -> Iterator[str]:
