@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
+from gcs_bridge.contract import Grouped
 from gcs_bridge.settings import AlarmSettings
 
 
@@ -27,7 +28,7 @@ class Announcer:
         times = [*(t_us for t_us, raised in self._raises if raised == name), t_boot_us]
         return _within(times, rules.repeat_s) > 1 or _within(times, rules.chatter_window_s) >= rules.chatter_raises
 
-    def group(self, name: str, t_boot_us: int) -> str | None:
+    def group(self, name: str, t_boot_us: int) -> Grouped | None:
         """Take a raise of the alarm `name`; tell what it is part of, None: it stands alone."""
         rules = self.settings
         self._raises.append((t_boot_us, name))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict
 from itertools import groupby
 from typing import Any, Literal, NamedTuple
 
@@ -20,8 +19,21 @@ from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.alarms.state import PENDING, STANDING, Alarm, Change, Signal, State
 from gcs_bridge.checks.base import Check
+from gcs_bridge.contract import Diagnosis
 from gcs_bridge.errors import UsageError
-from gcs_bridge.events import Notice, make_event, utc
+from gcs_bridge.events import (
+    AlarmAcknowledged,
+    AlarmCleared,
+    AlarmEvent,
+    AlarmPending,
+    AlarmRaised,
+    AlarmShelved,
+    AlarmUnshelved,
+    DiagnosisMade,
+    Notice,
+    head,
+    utc,
+)
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
@@ -81,11 +93,11 @@ class AlarmSlot:
         return f"{self.check.name} {self.tier.name}"
 
 
-def _gist(diagnosis: dict[str, Any]) -> tuple[Any, ...]:
+def _gist(diagnosis: Diagnosis) -> tuple[Any, ...]:
     """What a diagnosis says, its value to the digits that matter."""
-    value = diagnosis["value"]
-    rounded = [round(number, 1) for number in (value if isinstance(value, list) else [value] if value else [])]
-    return diagnosis["causes"], diagnosis["candidates"], diagnosis["confidence"], diagnosis["side"], rounded
+    value = diagnosis.value
+    rounded = [round(number, 1) for number in (value if isinstance(value, tuple) else [value] if value else [])]
+    return diagnosis.causes, diagnosis.candidates, diagnosis.confidence, diagnosis.side, rounded
 
 
 def _moment(
@@ -175,8 +187,7 @@ class AlarmManager:
         """The boot is over, and with it alarms that were never seen to go: their `cleared_boot_s` stays unknown."""
         for slot in self._slots:
             if slot.record is not None and slot.alarm.state in STANDING and slot.told:
-                head = make_event("alarm_cleared", self._vehicle, self._boot, t_boot_us, t_rx_us)
-                yield Notice(frame_index, head | asdict(slot.record) | {"reason": "reboot"})
+                yield self._notice(AlarmCleared, slot.record, t_boot_us, frame_index, t_rx_us, reason="reboot")
 
     def _tell(self, slot: AlarmSlot, change: Change, frame_index: int, t_rx_us: int) -> Iterator[Notice]:
         before, after = change.before, change.state
@@ -193,7 +204,7 @@ class AlarmManager:
             slot.record = self._new_record(slot)
             if self._severer(slot) is None and not self._is_shelved(slot):
                 slot.record.show(change.worst)
-                yield self._notice("alarm_pending", slot.record, change.t_boot_us, frame_index, t_rx_us)
+                yield self._notice(AlarmPending, slot.record, change.t_boot_us, frame_index, t_rx_us)
         elif before in PENDING and after not in PENDING | STANDING:
             slot.record = None
         elif after is State.RAISED and before in PENDING:
@@ -208,7 +219,7 @@ class AlarmManager:
             slot.record.cleared_boot_s = at_s
             yield from self._ask(_moment(slot, change, frame_index, t_rx_us, "goes"))
             if slot.told and not self._is_shelved(slot):
-                yield self._notice("alarm_cleared", slot.record, change.t_boot_us, frame_index, t_rx_us)
+                yield self._notice(AlarmCleared, slot.record, change.t_boot_us, frame_index, t_rx_us)
         slot.record, slot.suppressed = None, False
 
     def _raise(self, slot: AlarmSlot, change: Change, frame_index: int, t_rx_us: int) -> Iterator[Notice]:
@@ -233,7 +244,7 @@ class AlarmManager:
         record.show(change.worst)
         slot.told = True
         if not self._is_shelved(slot):
-            yield self._notice("alarm_raised", record, change.t_boot_us, frame_index, t_rx_us)
+            yield self._notice(AlarmRaised, record, change.t_boot_us, frame_index, t_rx_us)
         yield from self._ask(_moment(slot, change, frame_index, t_rx_us, "raised"))
 
     def _severer(self, slot: AlarmSlot) -> AlarmSlot | None:
@@ -248,25 +259,38 @@ class AlarmManager:
         tier = "" if slot.tier.name in ("pairs", "alarm") else "-" + slot.tier.name.replace(" ", "-").lower()
         number = slot.raises if slot.is_repeat else slot.raises + 1
         name = f"{self._vehicle.name}-{slot.check.name}{tier}-{self._boot}-{number}"
-        record = AlarmRecord(
-            name, slot.check.name, slot.tier.severity, self._boot, slot.tier.what, slot.check.not_a_sign_of
+        return AlarmRecord.new(
+            alarm_id=name,
+            check=slot.check.name,
+            severity=slot.tier.severity,
+            boot=self._boot,
+            what=slot.tier.what,
+            is_not=slot.check.not_a_sign_of,
+            unit=slot.tier.unit or slot.check.unit,
         )
-        record.unit = slot.tier.unit or slot.check.unit
-        return record
 
     def diagnosis(
-        self, record: AlarmRecord, entry: dict[str, Any], frame_index: int, t_boot_us: int, t_rx_us: int
+        self, record: AlarmRecord, entry: Diagnosis, frame_index: int, t_boot_us: int, t_rx_us: int
     ) -> Iterator[Notice]:
         """The doctor's answer about an alarm: the record keeps it, and an event tells what is new in it."""
         before, record.diagnosis = record.diagnosis, entry
         if before is not None and _gist(before) == _gist(entry):
             return
-        head = make_event("diagnosis", self._vehicle, record.boot, t_boot_us, t_rx_us, check=record.check)
-        yield Notice(frame_index, head | {"id": record.id, "severity": record.severity, "diagnosis": entry})
+        where = head(self._vehicle, record.boot, t_boot_us, t_rx_us, record.check)
+        told = DiagnosisMade(**where, id=record.id, severity=record.severity, diagnosis=entry)
+        yield Notice(frame_index, told)
 
-    def _notice(self, event: str, record: AlarmRecord, t_boot_us: int | None, frame_index: int, t_rx_us: int) -> Notice:
-        head = make_event(event, self._vehicle, record.boot, t_boot_us, t_rx_us)
-        return Notice(frame_index, head | asdict(record))
+    def _notice(
+        self,
+        kind: type[AlarmEvent],
+        record: AlarmRecord,
+        t_boot_us: int | None,
+        frame_index: int,
+        t_rx_us: int,
+        **more: Any,
+    ) -> Notice:
+        where = head(self._vehicle, record.boot, t_boot_us, t_rx_us, record.check)
+        return Notice(frame_index, kind(**where, **record.told(), **more))
 
     # What people say to alarms; times are receive times.
 
@@ -282,7 +306,7 @@ class AlarmManager:
         if slot is not None:
             _, slot.state = slot.alarm.signal(Signal.ACKNOWLEDGE)
         record.acknowledged = True
-        yield self._notice("alarm_acknowledged", record, None, frame_index, t_rx_us)
+        yield self._notice(AlarmAcknowledged, record, None, frame_index, t_rx_us)
 
     def shelve(self, alarm_id: str, frame_index: int, t_rx_us: int, duration_s: float) -> Iterator[Notice]:
         """Tell nothing of this alarm for a time."""
@@ -291,10 +315,8 @@ class AlarmManager:
             raise UsageError(f"alarm {alarm_id}: of an earlier boot, over")
         if not 0 < duration_s < math.inf:
             raise UsageError(f"duration_s = {duration_s}: must be above 0")
-        self._shelved[slot.name] = t_rx_us + round(duration_s * 1e6)
-        notice = self._notice("alarm_shelved", record, None, frame_index, t_rx_us)
-        notice.event["until_utc"] = utc(self._shelved[slot.name])
-        yield notice
+        until_us = self._shelved[slot.name] = t_rx_us + round(duration_s * 1e6)
+        yield self._notice(AlarmShelved, record, None, frame_index, t_rx_us, until_utc=utc(until_us))
 
     def unshelve(self, alarm_id: str, frame_index: int, t_rx_us: int) -> Iterator[Notice]:
         """Tell of this alarm again."""
@@ -323,9 +345,9 @@ class AlarmManager:
         yield from self._unshelved(slot, slot.last, frame_index, until_us)
 
     def _unshelved(self, slot: AlarmSlot, record: AlarmRecord, frame_index: int, t_rx_us: int) -> Iterator[Notice]:
-        yield self._notice("alarm_unshelved", record, None, frame_index, t_rx_us)
+        yield self._notice(AlarmUnshelved, record, None, frame_index, t_rx_us)
         if slot.state in STANDING and slot.record is not None:  # it stands, and nobody was told of this
-            yield self._notice("alarm_raised", slot.record, None, frame_index, t_rx_us)
+            yield self._notice(AlarmRaised, slot.record, None, frame_index, t_rx_us)
 
     def _is_shelved(self, slot: AlarmSlot) -> bool:
         return slot.name in self._shelved

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from gcs_bridge.alarms.rated import Rated
+from gcs_bridge.contract import Severity
 from gcs_bridge.settings import AlarmSettings
 
 
@@ -15,7 +16,7 @@ class AlarmSpec(NamedTuple):
     """
 
     name: str
-    severity: str
+    severity: Severity
     what: str
     delays: AlarmSettings
     unit: str | None = None
