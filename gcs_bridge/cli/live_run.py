@@ -138,7 +138,7 @@ class LiveRun:
         also_tell: Callable[[Event], None],
     ) -> int:
         from gcs_bridge.judging.monitor import Monitor
-        from gcs_bridge.links.loop import listen
+        from gcs_bridge.links.loop import link_name, listen
         from gcs_bridge.sinks.event_lines import event_json
         from gcs_bridge.sinks.tlog import TlogRecorder
 
@@ -164,7 +164,7 @@ class LiveRun:
         )
 
         def tell(event: Event) -> None:
-            link = event.link if isinstance(event.link, str) else links[event.link or 0].name
+            link = link_name(event, links)
             if journal is not None:
                 journal.append(event_json(event, link))
             if sink is not None:

@@ -1,4 +1,4 @@
-"""The convention doctor: which mistake explains why ATTITUDE and ATTITUDE_QUATERNION disagree.
+"""The convention doctor: which mistake makes the two attitude messages disagree.
 
 `diagnose` takes the samples of both messages as they were sent from the onset of the disagreement on, undoes each
 mistake of the causes' table on them, and names what leaves nothing. It never guesses: what the motion cannot tell apart

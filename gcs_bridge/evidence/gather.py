@@ -45,7 +45,7 @@ class _Written:
 
 
 class Evidence:
-    """A witness of how a recording is judged: `gcs_bridge.recording.check_file(witness=…)`.
+    """An observer of how a recording is judged: `gcs_bridge.recordings.check.check_file(observer=…)`.
 
     Tables and pictures are written as each moment ends; `complete`, with the report's entry, adds frames and summaries.
     """

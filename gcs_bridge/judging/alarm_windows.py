@@ -1,8 +1,8 @@
 """Keeps what vehicles sent lately, and hands out the ten seconds on both sides of each alarm once they have passed.
 
-A moment is a run of frames: from the vehicle's first message of these ten seconds up to, and without, the first one
-behind them, of another boot, or after a silence. So its content does not depend on how the input was cut. What is kept
-is bounded in time, in frames and in moments, whatever comes.
+Such a window, a *moment*, is a run of frames: from the vehicle's first message of these ten seconds up to, and without,
+the first one behind them, of another boot, or after a silence. So its content does not depend on how the input was cut.
+What is kept is bounded in time, in frames and in moments, whatever comes.
 """
 
 from __future__ import annotations
@@ -195,7 +195,7 @@ class _Vehicle:
         )
 
     def _frames(self, one: _Open) -> tuple[int, int, int]:
-        """Ordinals of a moment: its first frame, that at which its alarm's time had come, the first one behind it."""
+        """Frames of a moment: its first one, that at which its alarm's time had come, the first one behind it."""
         segments = [kept.segment for kept in self._kept if kept.segment.boot == one.boot]
         next_boots = [kept.segment.frame_index for kept in self._kept if kept.segment.boot > one.boot]
         behind = min((int(of[0]) for of in next_boots if len(of)), default=self._frame_index + 1)

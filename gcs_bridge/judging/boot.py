@@ -1,4 +1,4 @@
-"""What is followed of a vehicle within one boot."""
+"""What is followed of a vehicle within one boot, and forgotten with it."""
 
 from __future__ import annotations
 

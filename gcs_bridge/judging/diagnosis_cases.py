@@ -109,7 +109,7 @@ class DiagnosisCases:
         self._cases.pop(name, None)
 
     def due(self, name: str, until_frame_index: int | None = None) -> Iterator[tuple[int, int]]:
-        """Ordinal and time of the frames of the last batch at which an alarm is to be asked about again."""
+        """Index and time of the frames of the last batch at which an alarm is to be asked about again."""
         case = self._cases.get(name)
         if case is None or not self._kept:
             return

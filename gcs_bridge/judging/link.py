@@ -1,4 +1,4 @@
-"""One link or recording: its frames, the vehicles on it, its clock."""
+"""One link or recording: its frames, the vehicles on it, its clock; where its bytes come from is not known here."""
 
 from __future__ import annotations
 

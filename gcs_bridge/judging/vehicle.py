@@ -1,4 +1,7 @@
-"""Judges one vehicle: samples become pairs and a flight, that goes to every check, and their ratings to the alarms."""
+"""Judges one vehicle: its samples become pairs, every check is given both, and what they rate goes to the alarms.
+
+Knows neither the link nor other vehicles.
+"""
 
 from __future__ import annotations
 

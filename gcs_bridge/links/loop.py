@@ -17,7 +17,7 @@ from gcs_bridge.events import Damage, Event, LinkDown, LinkUp, utc
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.links.link import Link, LinkDownError, now_us
 
-__all__ = ["Stop", "listen"]
+__all__ = ["Stop", "link_name", "listen"]
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
 # The least time from batch to batch: judging one costs the same whether it holds one message or ten. Where a viewer
 # looks on, the newest is to be there within 0.1 s.
@@ -93,6 +93,11 @@ def listen(
             if ready:
                 time.sleep(max(batch_s - (time.monotonic() - taken_s), 0))
     return False
+
+
+def link_name(event: Event, links: Sequence[Link]) -> str:
+    """The name of the link, one of those that are listened to, that an event is about."""
+    return event.link if isinstance(event.link, str) else links[event.link or 0].name
 
 
 class _Listened:

@@ -1,4 +1,4 @@
-"""Judges recordings."""
+"""Judges recordings: each is fed to a Monitor, piece by piece; how anything is judged is not known here."""
 
 from __future__ import annotations
 
