@@ -13,6 +13,7 @@ from gcs_bridge.errors import UsageError
 from gcs_bridge.events import (
     AlarmCleared,
     AlarmEvent,
+    AlarmPending,
     AlarmRaised,
     ClockStep,
     EstimatorReset,
