@@ -1,7 +1,7 @@
 """A window's samples as they were sent → pairs of attitudes under a hypothesis, which is undone before they are paired.
 
-The pairing is `align`'s: equal instants first, else the faster stream interpolated at the slower one's times, each pair
-with the bound of that. Here all samples are known at once, and many hypotheses are compared on the same pairs.
+Equal instants first, else the faster stream interpolated at the slower one's times, each pair with the bound of that,
+as `pairing` does it. Here all samples are known at once, and many hypotheses are compared on the same pairs.
 """
 
 from __future__ import annotations

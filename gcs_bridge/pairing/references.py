@@ -36,7 +36,7 @@ def attitude_at(found: Answers) -> Floats:
 
 @dataclass(frozen=True)
 class ImuWithAttitude:
-    """ImuBatch samples with the attitude at their times, n, in order of time; those that came late are left out.
+    """Inertial samples with the attitude at their times, n, in order of time; those that came late are left out.
 
     `t_boot_us`, `t_rx_us` (n,) of the sample; `frame_index` (n,) of the frame that completed it; `f_b_m_s2`,
     `w_b_rad_s`, `m_b_gauss` (n, 3) as measured; `trim_b_rad`, `may_rest`, `stands` as in a CheckBatch; `q_nb` (n, 4)

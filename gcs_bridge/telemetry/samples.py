@@ -71,7 +71,7 @@ class AttitudeSamples(_Samples):
 
 @dataclass(frozen=True)
 class ImuSamples(_Samples):
-    """ImuBatch samples of one source, in order of arrival; n samples, NaN where a scale or a sensor is unknown.
+    """Inertial samples of one source, in order of arrival; n samples, NaN where a scale or a sensor is unknown.
 
     `t_us` (n,) the message's own clock; `t_boot_us` the same on the vehicle's boot clock; `f_b_m_s2` (n, 3) specific
     force, `w_b_rad_s` (n, 3) angular rate, `m_b_gauss` (n, 3) magnetic field, all in FRD body axes; `scale` names the
