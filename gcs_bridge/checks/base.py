@@ -189,9 +189,8 @@ class ImuCheck(Check):
         """Take in what the sensor's numbers mean."""
         self._usable.breaks = []
         if batch.imu is not None:
-            samples, frame_index = batch.imu
-            self._scale = samples.scale
-            self._usable.follow(finite(getattr(samples, self.judges)), samples.t_boot_us, frame_index)
+            self._scale = batch.imu.scale
+            self._usable.follow(finite(getattr(batch.imu, self.judges)), batch.imu.t_boot_us, batch.imu.frame_index)
 
     @property
     def broken(self) -> str | None:

@@ -43,7 +43,7 @@ class QuaternionNorm(Check):
             off = np.abs(np.sqrt(q[:, 0] ** 2 + q[:, 1] ** 2 + q[:, 2] ** 2 + q[:, 3] ** 2) - 1.0)
         numbers = finite(q)
         self._watch(batch.quaternion.t_boot_us, off, numbers)
-        t_us, frame_index = batch.quaternion.t_boot_us[numbers], batch.quaternion_frame_index[numbers]
+        t_us, frame_index = batch.quaternion.t_boot_us[numbers], batch.quaternion.frame_index[numbers]
         for tier, limit in (("warning", self._settings.warning), ("alarm", self._settings.alarm)):
             yield RatedSamples(tier, rated(t_us, frame_index, off[numbers], limit, self._delays))
 

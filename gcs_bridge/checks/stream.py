@@ -87,13 +87,13 @@ class _Stream:
         silences = _silences(batch.stream_changes, k)
         return on_line if not silences else _merged(on_line, _at_deadlines(silences, delays))
 
-    def frozen(
-        self, samples: AttitudeSamples, frame_index: Int64s, other: AttitudeSamples, other_frame_index: Int64s
-    ) -> tuple[Floats, Mask]:
+    def frozen(self, samples: AttitudeSamples, other: AttitudeSamples) -> tuple[Floats, Mask]:
         """For how long, s, each sample's numbers have been the same; and whether the other stream moved meanwhile."""
         numbers = np.ascontiguousarray(samples.q_nb if samples.rpy_rad is None else samples.rpy_rad)
         seen = np.concatenate((self._other[None], other.q_nb))
-        beside = seen[np.searchsorted(other_frame_index, frame_index)]  # the other stream's latest, at each sample
+        beside = seen[
+            np.searchsorted(other.frame_index, samples.frame_index)
+        ]  # the other stream's latest, at each sample
         last = np.full(numbers.shape[1], np.nan) if self._last is None else self._last
         before = np.concatenate((last[None], numbers))[:-1]
         differs = numbers != before  # NaN differs from itself, and is no frozen attitude
@@ -119,10 +119,9 @@ class _Stream:
         if len(other):
             self._other = other.q_nb[-1]
 
-    def slow(
-        self, samples: AttitudeSamples, frame_index: Int64s, transfers: Int64s
-    ) -> Iterator[tuple[int, int, float]]:
+    def slow(self, samples: AttitudeSamples, transfers: Int64s) -> Iterator[tuple[int, int, float]]:
         """Time, frame and share of the usual rate, at the end of each window without a silence."""
+        frame_index = samples.frame_index
         if self._latest_us is None:
             self._latest_us, self._window = int(samples.t_boot_us[0]), (int(samples.t_boot_us[0]), int(frame_index[0]))
         latest = np.maximum.accumulate(np.concatenate(([self._latest_us], samples.t_boot_us)))
@@ -218,15 +217,15 @@ class StreamCheck(Check):
 
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate what came, and what did not."""
-        sides = ((batch.euler, batch.euler_frame_index), (batch.quaternion, batch.quaternion_frame_index))
+        sides = (batch.euler, batch.quaternion)
         sent = [say.frame_index for say in batch.statements if isinstance(say, ParameterSet)]
         self._transfers = np.concatenate((self._transfers, np.array(sent, np.int64)))[-1000:]
         least = self._least_periods(batch)
         for k, (name, stream) in enumerate(zip(_STREAMS, self._streams, strict=True)):
-            samples, frame_index = sides[k]
+            samples, frame_index = sides[k], sides[k].frame_index
             yield RatedSamples(f"{name} silent", stream.silent(k, batch, least, self._transfers, self._at_once))
             if len(samples):
-                same_s, moved = stream.frozen(samples, frame_index, *sides[1 - k])
+                same_s, moved = stream.frozen(samples, sides[1 - k])
                 value = np.where(moved, same_s, 0.0)
                 frozen = rated(
                     samples.t_boot_us, frame_index, value, self._settings.frozen_after_s * 0.999, self._at_once
@@ -234,15 +233,14 @@ class StreamCheck(Check):
                 yield RatedSamples(f"{name} frozen", frozen)
                 invalid = np.where(finite(samples.q_nb), 0.0, 1.0)
                 yield RatedSamples(f"{name} invalid", rated(samples.t_boot_us, frame_index, invalid, 0.5, self._delays))
-                windows = np.array(list(stream.slow(samples, frame_index, self._transfers))).reshape(-1, 3)
+                windows = np.array(list(stream.slow(samples, self._transfers))).reshape(-1, 3)
                 share = 1.0 / np.maximum(windows[:, 2], 1e-3)
                 at = windows[:, 1].astype(np.int64)
                 slow = rated(windows[:, 0].astype(np.int64), at, share, 1.0 / self._settings.slow_below, self._at_once)
                 yield RatedSamples(f"{name} slow", slow)
-            stream.hear_other(sides[1 - k][0])
-        frame_indices = np.concatenate([frame_index for _, frame_index in sides])
-        arrival = np.argsort(frame_indices, kind="stable")
-        t_us = np.concatenate([samples.t_boot_us for samples, _ in sides])[arrival]
+            stream.hear_other(sides[1 - k])
+        arrival = np.argsort(np.concatenate([samples.frame_index for samples in sides]), kind="stable")
+        t_us = np.concatenate([samples.t_boot_us for samples in sides])[arrival]
         self._watch_streams(t_us)
 
     def _watch_streams(self, t_us: Int64s) -> None:
@@ -264,7 +262,7 @@ class StreamCheck(Check):
         """How many periods of silence mean something, by the share of the vehicle's frames that was lost of late."""
         lost, received = (
             np.concatenate((before, now))
-            for before, now in zip(self._frames, (batch.lost, batch.received), strict=True)
+            for before, now in zip(self._frames, (batch.line.lost, batch.line.received), strict=True)
         )
         row = np.arange(len(self._frames[0]), len(lost))
         since = np.maximum(row - _LOSS_MESSAGES, 0)
