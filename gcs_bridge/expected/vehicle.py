@@ -45,8 +45,8 @@ class Corrected(FrameColumns):
     """n Euler samples with the expected differences undone.
 
     `q_nb` (n, 4) [w, x, y, z], FRD to NED; `causes` (n,) bits PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what turned a sample
-    by more than 0.02°; `untold` (n,) bits of what may be in it, was not told and not fitted yet; `applied` (n,) which of
-    the `corrections` was undone, the first of which is none.
+    by more than 0.02°; `untold` (n,) bits of what may be in it, was not told and not fitted yet; `applied` (n,) which
+    of the `corrections` was undone, the first of which is none.
     """
 
     q_nb: Floats

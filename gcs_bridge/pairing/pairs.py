@@ -19,7 +19,7 @@ import numpy.typing as npt
 from gcs_bridge import attitude
 from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, Ring
 from gcs_bridge.pairing.bounds import interpolation_bound_rad, length
-from gcs_bridge.pairing.kernel import _WAITING, EULER, MATCH, QUATERNION, match_kernel, new_match_state
+from gcs_bridge.pairing.kernel import EULER, MATCH, QUATERNION, match_kernel, new_match_state
 from gcs_bridge.pairing.steps import NO_STEPS, RecentSamples, Steps, StreamSteps
 from gcs_bridge.settings import AlignmentSettings, ResetSettings
 from gcs_bridge.telemetry.samples import AttitudeSamples
@@ -96,8 +96,8 @@ class Aligner:
                 with np.errstate(invalid="ignore"):  # rates that are no numbers: they explain no step
                     sent = q_euler_sent if k == EULER else None
                     steps[k] = stream_steps.append(samples, q, sent)
-        waiting = int(self._state.of[:, _WAITING].sum())
-        matches = np.empty(len(stream) + waiting + 1, MATCH)
+        self._state = self._state.with_room(len(stream))
+        matches = np.empty(len(stream) + self._state.n_waiting + 1, MATCH)
         periods = np.empty((len(stream), 2), np.int64)
         n = match_kernel(stream, t_us, t_rx_us, self._alignment.max_gap_us, self._state, matches, periods)
         with np.errstate(invalid="ignore"):  # rates that are no numbers: the bound is none then
