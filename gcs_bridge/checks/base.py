@@ -14,7 +14,7 @@ from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.telemetry.samples import finite
 
@@ -68,7 +68,7 @@ class Check(ABC):
         self.judged_us = 0
         self.alive_us = 0
         self.residual = Quantiles()
-        self._watched_us: int | None = None
+        self._watched_us = RunningMax()
 
     @property
     @abstractmethod
@@ -77,7 +77,7 @@ class Check(ABC):
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
-        self._watched_us = None
+        self._watched_us = RunningMax()
 
     @abstractmethod
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
@@ -128,11 +128,7 @@ class Check(ABC):
         """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""
         if not len(t_us):
             return
-        latest = np.maximum.accumulate(
-            np.concatenate(([t_us[0] if self._watched_us is None else self._watched_us], t_us))
-        )
-        self._watched_us = int(latest[-1])
-        stands_for = np.minimum(np.diff(latest), _LONGEST_US)
+        stands_for = np.minimum(np.diff(self._watched_us.feed(t_us)), _LONGEST_US)
         self.alive_us += int(stands_for.sum())
         self.judged_us += int(stands_for[judged].sum())
         self.judged += int(judged.sum())

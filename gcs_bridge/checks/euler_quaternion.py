@@ -20,7 +20,7 @@ from gcs_bridge.checks.base import Check, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
 from gcs_bridge.checks.windows import SlidingSums
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, RunningMax
 from gcs_bridge.pairing.neighbours import in_order
 from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.settings import AlarmSettings, EulerQuaternionSettings
@@ -123,7 +123,7 @@ class EulerQuaternion(Check):
         self._sums = SlidingSums(self._settings.mean_window_s, 8)
         self._latest_us = -1
         self._first_us: int | None = None
-        self._bad_us = self._onset_us = -_CALM_US
+        self._bad_us, self._onset_us = RunningMax(-_CALM_US), RunningMax(-_CALM_US)
 
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Compare the pairs, and rate those that count."""
@@ -166,10 +166,9 @@ class EulerQuaternion(Check):
         bad = np.asarray(bad[batch.ardupilot.at(batch.pairs.frame_index[bad]) != 0])  # NaN: not known yet
         if not len(bad):
             return bad
-        at_us = np.maximum.accumulate(np.concatenate(([self._bad_us], t_us[bad])))
+        at_us = self._bad_us.feed(t_us[bad])
         fresh = np.diff(at_us) > _CALM_US
-        onset_us = np.maximum.accumulate(np.concatenate(([self._onset_us], np.where(fresh, at_us[1:], -1))))[1:]
-        self._bad_us, self._onset_us = int(at_us[-1]), int(onset_us[-1])
+        onset_us = self._onset_us.feed(np.where(fresh, at_us[1:], -1))[1:]
         turn = found.rotvec_body[bad]
         about_y = np.hypot(turn[:, 0], turn[:, 2]) <= _OFF_AXIS * found.angle[bad] + found.limit[bad]
         q_nb = batch.pairs.q_quaternion[bad]

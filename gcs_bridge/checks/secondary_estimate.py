@@ -17,7 +17,7 @@ from gcs_bridge import attitude
 from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.checks.base import Check, between_attitudes, length, rated
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
 from gcs_bridge.pairing.neighbours import Lookup, Track, in_order
 from gcs_bridge.pairing.references import ATTITUDE_WIDTH, attitude_at
 from gcs_bridge.settings import AlarmSettings, AlignmentSettings, SecondaryEstimateSettings
@@ -29,15 +29,13 @@ class _Since:
     """How long something has held, without a break, up to each sample."""
 
     def __init__(self) -> None:
-        self._broken_us: int | None = None
+        self._broken_us: RunningMax | None = None
 
     def feed(self, t_us: Int64s, holds: Mask) -> Int64s:
         """µs since it last did not hold, or since the first sample."""
         if self._broken_us is None:
-            self._broken_us = int(t_us[0])
-        broken = np.maximum.accumulate(np.concatenate(([self._broken_us], np.where(holds, -1, t_us))))[1:]
-        self._broken_us = int(broken[-1])
-        return np.asarray(t_us - broken)
+            self._broken_us = RunningMax(int(t_us[0]))
+        return np.asarray(t_us - self._broken_us.feed(np.where(holds, -1, t_us))[1:])
 
 
 class _Part:

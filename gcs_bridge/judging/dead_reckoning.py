@@ -12,7 +12,7 @@ import numpy as np
 
 from gcs_bridge import attitude
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Columns, Floats, Int64s, Mask
+from gcs_bridge.columns import Columns, Floats, Int64s, Mask, last_where
 from gcs_bridge.pairing.references import ImuWithAttitude
 
 
@@ -114,7 +114,7 @@ class MotionTracker:
         t_us = seen.t_boot_us
         gap = np.diff(t_us, prepend=t_us[0] if self._latest_us is None else self._latest_us) > seen.max_gap_us
         decided = np.concatenate(([True], gap | resting))
-        last = np.maximum.accumulate(np.where(decided, np.arange(len(decided)), 0))
+        last = last_where(decided)
         known: Mask = np.concatenate(([self._rested], resting))[last][1:]
         self._latest_us, self._rested = int(t_us[-1]), bool(known[-1])
         return known
