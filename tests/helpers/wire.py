@@ -122,15 +122,18 @@ def flight(
     for kind, hz in ((1, euler_hz), (2, quaternion_hz)):
         if hz:
             ticks += [(round(1000 * i / hz), kind) for i in range(int(seconds * hz))]
+    ticks.sort()
+    t_s = np.array([ms for ms, _ in ticks]) / 1000.0
+    rotation = motion.rotation(t_s)
+    rpy, q, rates = rotation.as_euler("ZYX")[:, ::-1], wxyz(rotation), motion.rates(t_s)
     records = []
-    for seq, (ms, kind) in enumerate(sorted(ticks)):
-        t_s, now = ms / 1000.0, boot_ms + ms
+    for i, (ms, kind) in enumerate(ticks):
         if kind == 0:
-            frame = heartbeat(seq=seq, **wire)
+            frame = heartbeat(seq=i, **wire)
         elif kind == 1:
-            frame = attitude(now, motion.rpy(t_s), motion.rates(t_s), seq=seq, **wire)
+            frame = attitude(boot_ms + ms, rpy[i], rates[i], seq=i, **wire)
         else:
-            frame = attitude_quaternion(now, motion.wxyz(t_s), motion.rates(t_s), seq=seq, **wire)
+            frame = attitude_quaternion(boot_ms + ms, q[i], rates[i], seq=i, **wire)
         records.append((start_us + 1000 * ms, frame))
     return records
 
