@@ -8,7 +8,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -36,7 +36,7 @@ NO_VIEWER = ("--viewer", "none")
 
 
 @contextlib.contextmanager
-def vehicle(port: int, frames: list[RawFrame], speed: float = 1.0) -> Iterator[threading.Thread]:
+def vehicle(port: int, frames: Sequence[RawFrame], speed: float = 1.0) -> Iterator[threading.Thread]:
     """Somebody who sends frames to a UDP port of this machine."""
 
     def send() -> None:

@@ -161,13 +161,13 @@ class CheckBatch:
 
     def __init__(self, viewer: Any, seconds: float) -> None:
         flight = wire.flight(wire.Motion(seconds), seconds, euler_hz=250.0, quaternion_hz=250.0)
-        self._batches = iter([flight[i : i + 20] for i in range(0, len(flight), 20)])
+        self._batches = iter([flight[i : i + 50] for i in range(0, len(flight), 50)])  # 0.1 s, as of a live link
         self._sink = viewer.recording("flight")
         self._monitor = Monitor(observer=self._sink.observe)
         self.slowest_s = 0.0
 
     def fly(self, seconds: int) -> None:
-        for batch in islice(self._batches, seconds * 25):
+        for batch in islice(self._batches, seconds * 10):
             started = time.monotonic()
             for event in self._monitor.feed(b"".join(frame for _, frame in batch), batch[-1][0]):
                 self._sink.event(event)
