@@ -1,4 +1,4 @@
-"""Settings: TOML files and flags → one frozen, validated value; default < profile < file < flag.
+"""TOML files and flags → one frozen value; default < profile < file < flag.
 
 In files, angles are degrees and their keys end in `_deg` (rates: `_deg_s`); here they become radians, once.
 The structs below are the only list of keys, defaults and allowed ranges; `config/example.toml` explains them.

@@ -1,9 +1,9 @@
-"""Attitude math: pure functions over arrays of shape (..., 4), (..., 3, 3), (..., 3), float64.
+"""Attitude math: pure functions over arrays.
 
-Quaternions are `[w, x, y, z]`, Hamilton, of the rotation from body to world; angles are in radians. Frames default to
-NED and FRD. Leading dimensions broadcast. A wrong shape or an unknown sequence raises ValueError with the argument's
-name; a row that is NaN or infinite, or a quaternion of zero norm, gives a NaN row (False in a mask) and disturbs no
-other. A row gives the same bits alone and among a million.
+Shapes are (..., 4), (..., 3, 3) and (..., 3), all float64. Quaternions are `[w, x, y, z]`, Hamilton, of the rotation
+from body to world; angles are in radians. Frames default to NED and FRD. Leading dimensions broadcast. A wrong shape or
+an unknown sequence raises ValueError with the argument's name; a row that is NaN or infinite, or a quaternion of zero
+norm, gives a NaN row (False in a mask) and disturbs no other. A row gives the same bits alone and among a million.
 
 The rules M1 to M24 that docstrings cite stand in CONVENTIONS.md. This package imports numpy and nothing else of ours.
 """

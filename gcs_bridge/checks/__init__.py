@@ -1,4 +1,7 @@
-"""The checks, one file each: one batch of a vehicle in; rated samples and numbers out. No alarm lives here."""
+"""The checks, one file each: a batch of a vehicle in; rated samples, numbers out.
+
+No alarm lives here: what comes of a rated sample is the alarms' affair.
+"""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, TypedDict
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
 from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
+from gcs_bridge.contract import Distribution, Severity, known
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.telemetry.samples import finite
 
@@ -52,6 +53,18 @@ class Usable:
                 self.breaks.append(Break(int(frame_index[row]), int(t_us[row]), self.broken))
 
 
+class Numbers(TypedDict):
+    """The numbers of a check's entry in the report."""
+
+    coverage: float | None
+    pairs: int
+    same_instant: int | None
+    residual: Distribution
+    raw: Distribution
+    tilt: Distribution | None
+    heading: Distribution | None
+
+
 class Check(ABC):
     """One check of one vehicle, over all its boots."""
 
@@ -63,17 +76,14 @@ class Check(ABC):
     ok_text: ClassVar[str]  # what it means that nothing was raised
 
     def __init__(self) -> None:
-        """Start with nothing judged."""
+        """Start with nothing judged; who has alarms lists them in `alarm_specs`."""
+        # The same objects for life. Of two at one time, a warning is not told beside an alarm.
+        self.alarm_specs: tuple[AlarmSpec, ...] = ()
         self.judged = 0
         self.judged_us = 0
         self.alive_us = 0
         self.residual = Quantiles()
         self._watched_us = RunningMax()
-
-    @property
-    @abstractmethod
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """Its alarms; of two at one time, a warning is not told beside an alarm."""
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
@@ -106,9 +116,9 @@ class Check(ABC):
         """What else there is to say of a comparison that was judged."""
         return None
 
-    def numbers(self) -> dict[str, object]:
+    def numbers(self) -> Numbers:
         """The report's numbers, in the check's unit."""
-        residual = self.residual.summary(self.scale)
+        residual = self.distribution(self.residual)
         return {
             "coverage": min(self.judged_us / self.alive_us, 1.0) if self.alive_us > 0 else None,
             "pairs": self.judged,
@@ -119,10 +129,51 @@ class Check(ABC):
             "heading": None,
         }
 
+    def distribution(self, values: Quantiles) -> Distribution:
+        """How large values are, in the check's unit."""
+        return Distribution(**{name: known(value) for name, value in values.summary(self.scale).items()})
+
     @property
     def scale(self) -> float:
         """From the values' own unit to the report's."""
         return math.degrees(1.0) if self.unit.startswith("deg") else 1.0
+
+    def _alarm_spec(
+        self,
+        name: str,
+        severity: Severity,
+        what: str,
+        delays: AlarmSettings,
+        *,
+        id_part: str | None = None,
+        unit: str | None = None,
+        recurring_window_s: float = 0.0,
+        asks_doctor: bool = False,
+        onset_lead_s: float = 0.0,
+    ) -> AlarmSpec:
+        """One of its alarms: what is not said is the check's, and ids have both names."""
+        return AlarmSpec(
+            check=self.name,
+            name=name,
+            id_part=f"{self.name}-{name.replace(' ', '-').lower()}" if id_part is None else id_part,
+            severity=severity,
+            what=what,
+            not_a_sign_of=self.not_a_sign_of,
+            unit=self.unit if unit is None else unit,
+            delays=delays,
+            recurring_window_s=recurring_window_s,
+            asks_doctor=asks_doctor,
+            onset_lead_s=onset_lead_s,
+        )
+
+    def _warning_and_alarm(
+        self, what: str, delays: AlarmSettings, *, asks_doctor: bool = False
+    ) -> tuple[AlarmSpec, AlarmSpec]:
+        """Two limits of one thing; the alarm is known by the check's name alone."""
+        return (
+            self._alarm_spec("warning", "warning", what, delays, asks_doctor=asks_doctor),
+            self._alarm_spec("alarm", "alarm", what, delays, id_part=self.name, asks_doctor=asks_doctor),
+        )
 
     def _watch(self, t_us: Int64s, value: Floats, judged: Mask) -> None:
         """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""

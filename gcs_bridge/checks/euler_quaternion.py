@@ -15,8 +15,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from gcs_bridge import attitude
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
-from gcs_bridge.checks.base import Check, length, rated
+from gcs_bridge.alarms.spec import RatedSamples
+from gcs_bridge.checks.base import Check, Numbers, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
 from gcs_bridge.checks.windows import SlidingSums
@@ -94,24 +94,26 @@ class EulerQuaternion(Check):
         self._settings = settings
         self._delays = delays
         self._slow = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.mean_hold_s)
+        self._pairs = self._alarm_spec(
+            "pairs",
+            "alarm",
+            "ATTITUDE and ATTITUDE_QUATERNION are not one rotation",
+            delays,
+            id_part=self.name,
+            recurring_window_s=settings.recurring_window_s,
+            asks_doctor=True,
+        )
+        self._mean_turn = self._alarm_spec(
+            "mean",
+            "warning",
+            "ATTITUDE and ATTITUDE_QUATERNION differ by a small constant turn",
+            self._slow,
+            asks_doctor=True,
+            onset_lead_s=settings.mean_window_s + settings.mean_hold_s,
+        )
+        self.alarm_specs = self._pairs, self._mean_turn
         self._last_interval_id = -1
         self._start_mean()
-
-    @property
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """The alarm of single pairs, and the warning of their mean."""
-        return (
-            AlarmSpec(
-                "pairs",
-                "alarm",
-                "ATTITUDE and ATTITUDE_QUATERNION are not one rotation",
-                self._delays,
-                recurring_window_s=self._settings.recurring_window_s,
-            ),
-            AlarmSpec(
-                "mean", "warning", "ATTITUDE and ATTITUDE_QUATERNION differ by a small constant turn", self._slow
-            ),
-        )
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
@@ -149,7 +151,7 @@ class EulerQuaternion(Check):
         self.counted += len(rows)
         self.bad += int((angle > limit).sum())
         t_us, frame_index = pairs.t_boot_us[rows], pairs.frame_index[rows]
-        yield RatedSamples("pairs", rated(t_us, frame_index, angle, limit, self._delays, detail))
+        yield RatedSamples(self._pairs, rated(t_us, frame_index, angle, limit, self._delays, detail))
         yield from self._mean(batch, found)
 
     def _withheld(self, batch: CheckBatch, found: Disagreement) -> Int64s:
@@ -200,7 +202,7 @@ class EulerQuaternion(Check):
         enough = (count >= self._settings.mean_pairs) & (t_us - since_us >= 0.5e6 * self._settings.mean_window_s)
         detail = np.hstack((found.tilt[good, None], found.heading[good, None], mean[:, :3]))[enough]
         yield RatedSamples(
-            "mean",
+            self._mean_turn,
             rated(t_us[enough], pairs.frame_index[good][enough], value[enough], limit[enough], self._slow, detail),
         )
 
@@ -225,11 +227,13 @@ class EulerQuaternion(Check):
         """Why nothing was judged."""
         return f"only {self.judged} pairs could be judged"
 
-    def numbers(self) -> dict[str, object]:
+    def numbers(self) -> Numbers:
         """The report's numbers, in degrees."""
-        raw, tilt, heading = (q.summary(self.scale) for q in (self.raw, self.tilt, self.heading))
-        parts = {"same_instant": self.same_instant, "raw": raw, "tilt": tilt, "heading": heading}
-        return super().numbers() | parts
+        numbers = super().numbers()
+        numbers["same_instant"] = self.same_instant
+        numbers["raw"] = self.distribution(self.raw)
+        numbers["tilt"], numbers["heading"] = self.distribution(self.tilt), self.distribution(self.heading)
+        return numbers
 
 
 _CALM_US = 5_000_000  # without a bad pair, before the next one is a new onset

@@ -1,4 +1,7 @@
-"""The command line: one thin file a sub-command, each parse → settings → run → exit code."""
+"""The command line: one thin file a sub-command.
+
+Each parses, reads the settings, runs and ends with an exit code; it must not know how anything is judged or drawn.
+"""
 
 from __future__ import annotations
 

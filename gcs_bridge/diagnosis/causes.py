@@ -333,7 +333,7 @@ _ROWS = (
         acts_on="quaternion",
         **_other_frames(world=_SWAP_XY, body=_SWAP_XY),
         fix="Convert from ENU and RFU to NED and FRD before sending.",
-        origin="ImuBatch-navigation software that works in east-north-up with the body's x to the right.",
+        origin="Inertial-navigation software that works in east-north-up with the body's x to the right.",
     ),
     Cause(
         name="nwu_flu",

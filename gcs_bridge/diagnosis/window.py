@@ -2,7 +2,7 @@
 
 The pairing is that of `gcs_bridge.pairing`: equal instants first, else the faster stream interpolated at the slower
 one's times, each pair with the bound of that. Here all samples are known at once, their stamps may be set back by a
-skew, and many hypotheses are compared on the same pairs: its kernel, which follows what arrives, is of no use here.
+skew, and many hypotheses are compared on the same pairs: its kernel, which follows samples as they come, is of no use.
 """
 
 from __future__ import annotations

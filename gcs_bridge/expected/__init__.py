@@ -1,4 +1,4 @@
-"""Differences between the two attitude messages that a firmware makes on purpose, undone before anything is judged.
+"""Differences that a firmware makes on purpose, undone before anything is judged.
 
 ArduPilot sends ATTITUDE as its pilot wants to see it, and the quaternion as its estimator has it (in
 GCS_MAVLINK_Plane::send_attitude, AP_AHRS_View::update and NavEKF3's getEulerAngles):

@@ -1,4 +1,4 @@
-"""What a firmware did to the Euler angles of a sample, and how it is undone."""
+"""What a firmware did to the Euler angles of a sample, and how it is undone: pure functions of angles."""
 
 from __future__ import annotations
 

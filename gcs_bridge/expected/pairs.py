@@ -139,12 +139,12 @@ def pitch_axis(pairs: CleanPairs, base: Correction) -> Floats:
 
 
 def like_mount(pairs: CleanPairs, pitch_rad: float | Floats) -> Mask:
-    """CleanPairs (n,) in which a mount offset about the body's y axis would show the same as a pitch trim: no bank."""
+    """Pairs (n,) in which a mount offset about the body's y axis would show the same as a pitch trim: no bank."""
     return np.asarray(np.abs(pitch_rad * np.sin(pairs.rpy_rad[:, 0])) <= TOLD_APART * NOISE_RAD)
 
 
 def like_sign(pairs: CleanPairs, pitch_rad: float) -> Mask:
-    """CleanPairs (n,) in which a wrong sign of pitch would show the same as a pitch trim."""
+    """Pairs (n,) in which a wrong sign of pitch would show the same as a pitch trim."""
     return np.asarray(np.abs(pitch_rad + 2.0 * pairs.rpy_rad[:, 1]) <= TOLD_APART * NOISE_RAD)
 
 

@@ -70,7 +70,7 @@ class View:
         self._scanned = (np.empty(0, np.int64), np.empty(0, np.int64))  # the same up to each pair scanned
 
     def start_boot(self) -> None:
-        """CleanPairs of the boot before say nothing any more; the correction still holds, as parameters do."""
+        """Pairs of the boot before say nothing any more; the correction still holds, as parameters do."""
         self._recent = self._sparse = NO_CLEAN_PAIRS
         self._denials = self._agreements = 0
 
@@ -257,5 +257,5 @@ class View:
 
 
 def _banking(pairs: CleanPairs, agreements: Int64s) -> Mask:
-    """CleanPairs (n,) in which an AHRS_TRIM that was not undone would have shown."""
+    """Pairs (n,) in which an AHRS_TRIM that was not undone would have shown."""
     return np.asarray((agreements >= IN_A_ROW) & (np.abs(pairs.rpy_rad[:, 0]) > _BANK_RAD))

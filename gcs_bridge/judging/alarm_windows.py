@@ -1,8 +1,8 @@
 """Keeps what vehicles sent lately, and hands out the ten seconds on both sides of each alarm once they have passed.
 
-A moment is a run of frames: from the vehicle's first message of these ten seconds up to, and without, the first one
-behind them, of another boot, or after a silence. So its content does not depend on how the input was cut. What is kept
-is bounded in time, in frames and in moments, whatever comes.
+Such a window, a *moment*, is a run of frames: from the vehicle's first message of these ten seconds up to, and without,
+the first one behind them, of another boot, or after a silence. So its content does not depend on how the input was cut.
+What is kept is bounded in time, in frames and in moments, whatever comes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gcs_bridge.columns import Int64s
-from gcs_bridge.events import Event, vehicle_of
+from gcs_bridge.events import AlarmRaised, Event, vehicle_of
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.statements import ParameterSet, Statement
@@ -48,7 +48,7 @@ class AlarmWindow:
     """
 
     vehicle: VehicleId
-    alarm: Event
+    alarm: AlarmRaised
     boot: int
     t_boot_us: int
     first: int
@@ -78,7 +78,7 @@ class AlarmWindows:
     def take(self, events: Iterable[Event]) -> list[AlarmWindow]:
         """Take the events that came of what was observed since the last call; return the moments that are over."""
         for event in events:
-            if event["vehicle"] and event["boot_s"] is not None:
+            if event.vehicle and event.boot_s is not None:
                 vehicle = self._vehicle(vehicle_of(event))
                 self.missed += not vehicle.hear(event)
         finished = [moment for vehicle in self._vehicles.values() for moment in vehicle.finished()]
@@ -106,7 +106,7 @@ class AlarmWindows:
 class _Open(NamedTuple):
     """A moment that is not over yet."""
 
-    alarm: Event
+    alarm: AlarmRaised
     boot: int
     t_boot_us: int
     since: int  # index up to which frames had come when it was opened
@@ -154,10 +154,11 @@ class _Vehicle:
     def hear(self, event: Event) -> bool:
         """Take an event; whether there was room for the moment that it may begin."""
         self._events.append(event)
-        if event["event"] != "alarm_raised" or event["repeats"]:
+        if not isinstance(event, AlarmRaised) or event.repeats:
             return True
         if len(self._open) < _MOST_OPEN:
-            self._open.append(_Open(event, event["boot"], round(event["boot_s"] * 1e6), self._frame_index))
+            assert event.boot is not None
+            self._open.append(_Open(event, event.boot, round(_boot_s(event) * 1e6), self._frame_index))
             return True
         return False
 
@@ -177,7 +178,7 @@ class _Vehicle:
         first, at, end = self._frames(one)
         parts = (between(kept, first, end) for kept in self._kept if kept.segment.boot == one.boot)
         begin_s, end_s = (one.t_boot_us - AROUND_US) / 1e6, (one.t_boot_us + AROUND_US) / 1e6
-        events = (event for event in self._events if event["boot"] == one.boot)
+        events = (event for event in self._events if event.boot == one.boot)
         return AlarmWindow(
             vehicle=self._key,
             alarm=one.alarm,
@@ -187,12 +188,12 @@ class _Vehicle:
             at=at,
             end=end,
             observations=tuple(part for part in parts if any(len(of) for of in _frame_indices(part))),
-            events=tuple(event for event in events if begin_s <= event["boot_s"] <= end_s),
+            events=tuple(event for event in events if begin_s <= _boot_s(event) <= end_s),
             said=tuple(self._in_force(first, end)),
         )
 
     def _frames(self, one: _Open) -> tuple[int, int, int]:
-        """Ordinals of a moment: its first frame, that at which its alarm's time had come, the first one behind it."""
+        """Frames of a moment: its first one, that at which its alarm's time had come, the first one behind it."""
         segments = [kept.segment for kept in self._kept if kept.segment.boot == one.boot]
         next_boots = [kept.segment.frame_index for kept in self._kept if kept.segment.boot > one.boot]
         behind = min((int(of[0]) for of in next_boots if len(of)), default=self._frame_index + 1)
@@ -256,9 +257,15 @@ class _Vehicle:
             self._others.append(said)
 
 
+def _boot_s(event: Event) -> float:
+    """When an event was that carries a boot time: others are not kept."""
+    assert event.boot_s is not None
+    return event.boot_s
+
+
 def _is_behind(event: Event, needed: Iterable[tuple[int, int, int]]) -> bool:
     """Whether an event lies behind any of these boots' times."""
-    return any(event["boot"] == boot and event["boot_s"] * 1e6 >= from_us for boot, from_us, _ in needed)
+    return any(event.boot == boot and _boot_s(event) * 1e6 >= from_us for boot, from_us, _ in needed)
 
 
 def _frame_indices(observation: Observation) -> list[Int64s]:

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.contract import Diagnosis
 from gcs_bridge.expected import CAUSE_NAMES, Corrected
 from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.settings import Settings
@@ -56,7 +57,7 @@ class Answer(NamedTuple):
 
     frame_index: int
     t_boot_us: int
-    entry: dict[str, Any] | None
+    entry: Diagnosis | None
 
 
 @dataclass
@@ -105,7 +106,7 @@ class DiagnosisCases:
         self._cases.pop(name, None)
 
     def due(self, name: str, until_frame_index: int | None = None) -> Iterator[tuple[int, int]]:
-        """Ordinal and time of the frames of the last batch at which an alarm is to be asked about again."""
+        """Index and time of the frames of the last batch at which an alarm is to be asked about again."""
         case = self._cases.get(name)
         if case is None or not self._kept:
             return

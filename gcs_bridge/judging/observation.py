@@ -1,4 +1,4 @@
-"""What one batch showed of a vehicle, for whoever looks on."""
+"""What one batch showed of a vehicle, for whoever looks on; who that is, is not known here."""
 
 from __future__ import annotations
 

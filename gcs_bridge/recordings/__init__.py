@@ -1,1 +1,4 @@
-"""Recordings: read as arrays, judged, falsified."""
+"""Recordings: read as arrays, judged, falsified.
+
+The only place that reads telemetry from files. How anything is judged is not known here.
+"""

@@ -24,7 +24,7 @@ _FOREIGN = (
         b"\xa3\x95",
         "an on-board log (ArduPilot .bin, PX4 .px4log), not telemetry: use MAVExplorer or pymavlink",
     ),
-    (b"ULog\x01\x12\x35", "a PX4 .ulg on-board log, not telemetry: open it with pyulog or CheckBatch Review"),
+    (b"ULog\x01\x12\x35", "a PX4 .ulg on-board log, not telemetry: open it with pyulog or Flight Review"),
     (b"\x89MCAP0\r\n", "an MCAP file, not telemetry: open it with Foxglove"),
     (b"RRF", "a rerun recording, not telemetry: open it with `rerun`"),
     (b"\x1f\x8b", "compressed: unpack it with gunzip first"),

@@ -1,1 +1,4 @@
-"""From a link's frames to one vehicle's samples: its clocks, identity, streams, statements. Nothing is judged here."""
+"""From a link's frames to one vehicle's samples: clock, identity, statements.
+
+Here the numbers of the wire acquire a frame and a unit. Nothing is judged here.
+"""

@@ -94,7 +94,7 @@ class VelocityChange(FrameColumns):
 class VehicleBatch:
     """What one batch brought of one vehicle: its boots in turn, clock changes, what it said of itself.
 
-    `heard` are the frame_indices of its frames in the window. `counted` holds the receive times, µs, of messages
+    `heard` are the indices of its frames in the window. `counted` holds the receive times, µs, of messages
     without a boot time of their own; `imu` and `secondary` what these carry.
     """
 

@@ -134,7 +134,7 @@ class VehicleReader:
 
     @property
     def seen(self) -> tuple[int, int] | None:
-        """Ordinal and receive time of the frame that first made it a vehicle."""
+        """Index and receive time of the frame that first made it a vehicle."""
         return self._seen
 
     def read(self, buffer: Bytes, frames: Frames, frame_indices: Int64s, in_window: Mask) -> VehicleBatch:
@@ -266,7 +266,7 @@ class VehicleReader:
                 return
 
     def _attitude_signs(self, segments: list[BootSegment]) -> Iterator[tuple[int, int, Any]]:
-        """Ordinal, receive time and validity of each attitude, while it is not known whether this is a vehicle."""
+        """Frame index, receive time and validity of each attitude, while it is not known whether this is a vehicle."""
         for segment in segments:
             valid = segment.valid_attitude
             for row in np.flatnonzero(segment.attitude).tolist():

@@ -1,6 +1,6 @@
 """What a vehicle says of itself beside its motion: modes, parameters, texts, in order of arrival.
 
-Each statement carries the frame_index of its frame: it holds for what comes behind it. Nothing is judged here.
+Each statement carries the index of its frame: it holds for what comes behind it. Nothing is judged here.
 """
 
 from __future__ import annotations

@@ -10,10 +10,10 @@ import pyarrow as pa
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from gcs_bridge import Monitor
 from gcs_bridge.evidence.tables import tables_of
 from gcs_bridge.judging import alarm_windows as moments
 from gcs_bridge.judging.alarm_windows import AlarmWindow, AlarmWindows
+from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
@@ -57,7 +57,7 @@ def content(moment: AlarmWindow) -> dict[str, Any]:
 
 
 def by_id(found: list[AlarmWindow]) -> dict[str, dict[str, Any]]:
-    return {moment.alarm["id"]: content(moment) for moment in found}
+    return {moment.alarm.id: content(moment) for moment in found}
 
 
 def same(one: Any, other: Any) -> bool:
@@ -166,7 +166,7 @@ def test_a_moment_ends_with_a_silence() -> None:
     # The clock of the vehicle stood still meanwhile: only the silence tells that the moment is over.
     frames = [frame for _, frame in flown(10, fault_s=(99.0, 99.0), boot_ms=30_000)]
     behind = [(last_us + 40_000_000 + 20_000 * i, frame) for i, frame in enumerate(frames)]
-    recorded = by_id(watched([wire.tlog(before + behind)]))[live.alarm["id"]]
+    recorded = by_id(watched([wire.tlog(before + behind)]))[live.alarm.id]
     assert same(recorded["tables"], content(live)["tables"])
 
 

@@ -1,0 +1,41 @@
+"""What a component costs that hardly sends anything: large links, and hostile ones, are full of them."""
+
+import subprocess
+import sys
+
+from tests.helpers.paths import ROOT
+
+PROGRAM = """
+import gc, sys
+from pathlib import Path
+from gcs_bridge.judging.monitor import Monitor
+from tests.helpers import wire
+
+def resident_mb():
+    status = Path("/proc/self/status").read_text()
+    return int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1]) / 1024
+
+def batch(first, count):
+    frames = b""
+    for i in range(first, first + count):
+        sender = {"sysid": 1 + i % 250, "compid": 1 + i // 250}
+        frames += wire.heartbeat(**sender) + wire.attitude(10_000 + i, (0.1, 0.2, 0.3), **sender)
+    return frames
+
+monitor = Monitor()
+monitor.feed(batch(0, 1), wire.START_US)
+gc.collect()
+before = resident_mb()
+for first in range(1, 500, 25):
+    monitor.feed(batch(first, min(25, 500 - first)), wire.START_US + first)
+gc.collect()
+print(resident_mb() - before, sum(len(file.vehicles) for file in monitor.close().files))
+"""
+
+
+def test_500_components_that_send_heartbeats_and_one_attitude() -> None:
+    """They take less than 60 MB more than one does, and each is in the report."""
+    shown = subprocess.run([sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, check=True)
+    more_mb, vehicles = shown.stdout.split()
+    assert int(vehicles) == 500
+    assert float(more_mb) < 60.0
