@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from types import FrameType, TracebackType
 from typing import Any
 
+from gcs_bridge.chunks import Framing
 from gcs_bridge.events import Event, utc
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.links.link import Link, LinkDownError, now_us
@@ -55,13 +56,13 @@ class Stop:
 def listen(
     links: Sequence[Link],
     monitor: Monitor,
-    tell: Callable[[Event], None],
+    tell: Callable[[list[Event]], None],
     *,
     stop: Callable[[], bool] = lambda: False,
     duration_s: float | None = None,
     watched: bool = False,
 ) -> bool:
-    """Feed `monitor` from the links and `tell` every event, until `stop` says so or `duration_s` is over.
+    """Feed `monitor` from the links and `tell` each batch's events, until `stop` says so or `duration_s` is over.
 
     Link number n is the monitor's link n; each event gets a key more, `link`, its link's name. Returns False if it
     ended because every link had. `watched`: a viewer shows what comes, so it is taken more often.
@@ -97,33 +98,28 @@ def listen(
 class _Listened:
     """One link while it is listened to."""
 
-    def __init__(self, number: int, link: Link, monitor: Monitor, tell: Callable[[Event], None]) -> None:
+    def __init__(self, number: int, link: Link, monitor: Monitor, tell: Callable[[list[Event]], None]) -> None:
         self.link = link
         self.ended = False
         self._number = number
         self._monitor = monitor
         self._tell = tell
         self._dropped = 0
-        monitor.open_link(number, datagrams=link.datagrams)
+        monitor.open_link(number, datagrams=link.framing is Framing.DATAGRAM)
 
     def take(self) -> bool:
         """Judge everything that has arrived; whether there was anything."""
         try:
-            pieces = self.link.drain()
+            chunks = self.link.drain()
         except LinkDownError as end:
             self.ended = True
             self.say("link_down", reason=str(end))
             return False
-        if self.link.datagrams:
-            self._pass_on(self._monitor.feed_datagrams(pieces, self._number))
-        elif pieces:
-            self._pass_on(
-                self._monitor.feed(b"".join(piece.data for piece in pieces), pieces[-1].t_rx_us, self._number)
-            )
+        self._pass_on(self._monitor.take(chunks, self._number))
         if self.link.dropped != self._dropped:
             lost, self._dropped = self.link.dropped - self._dropped, self.link.dropped
             self.say("damage", reason=f"{lost} datagrams were dropped here: this machine is too slow", dropped=lost)
-        return bool(pieces)
+        return bool(chunks)
 
     def advance(self) -> None:
         """Nothing has come: let time pass."""
@@ -135,8 +131,7 @@ class _Listened:
         self._pass_on([head | {"check": None} | more])
 
     def _pass_on(self, events: list[Event]) -> None:
-        for event in events:
-            self._tell(event | {"link": self.link.name})
+        self._tell([event | {"link": self.link.name} for event in events])
 
 
 class _Waiter:

@@ -1,1 +1,1 @@
-"""Where frames and events go while a link is listened to: files and the console."""
+"""Where frames, samples and events go while links or recordings are judged: files and the console."""

@@ -2,19 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import msgspec
 
 from gcs_bridge.errors import one_line
 from gcs_bridge.events import Event
+from gcs_bridge.files import write_stdout
 from gcs_bridge.report.wording import difference
+from gcs_bridge.sinks.base import Plan, Sink
+from gcs_bridge.sinks.file import FileSink
 
-__all__ = ["event_json", "event_line", "event_words", "is_alarm", "is_detail"]
+__all__ = ["EventLines", "event_json", "event_line", "event_words", "is_alarm", "is_detail"]
+_STDOUT = "-"
 _SAID = {
     "vehicle_seen": "vehicle seen",
     "vehicle_lost": "vehicle LOST: nothing comes from it any more",
     "reboot": "rebooted",
     "estimator_reset": "the estimator was reset",
 }
+
+
+class EventLines(FileSink):
+    """Writes events as JSON lines, all of a batch at once."""
+
+    @classmethod
+    def plan(cls, path: str) -> Plan:
+        """A sink that appends to the file at `path`, or writes to standard output where that is `-`."""
+        return Plan(lambda _: _StdoutLines(), takes_stdout=True) if path == _STDOUT else super().plan(path)
+
+    def events(self, events: Sequence[Event]) -> None:
+        """Write them."""
+        self._file.append(b"".join(map(event_json, events)))
+
+
+class _StdoutLines(Sink):
+    """The same on standard output."""
+
+    def events(self, events: Sequence[Event]) -> None:
+        for event in events:
+            write_stdout(event_json(event).decode())
 
 
 def event_json(event: Event) -> bytes:

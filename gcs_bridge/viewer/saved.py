@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
 import rerun as rr
 
 from gcs_bridge.errors import GcsBridgeError, UsageError
-from gcs_bridge.viewer.open import SUFFIX, Viewer, ViewerSink
+from gcs_bridge.viewer.base import SUFFIX, Viewer, ViewerSink
 from gcs_bridge.viewer.sink import RerunSink, new_recording
 
 __all__ = ["FLUSH_S", "GATHER", "SavedViewer"]
@@ -35,8 +36,8 @@ class SavedViewer(Viewer):
         self._refused = False
         self._open: list[tuple[RerunSink, rr.RecordingStream, Path]] = []
 
-    def recording(self, name: str) -> ViewerSink:
-        """Where one link session, or one file, is drawn."""
+    def recording(self, name: str, *, links: Sequence[str] = ()) -> ViewerSink:
+        """Where one link session, or one file, is drawn; `links`: the names by which events call the links."""
         number = len(self._open) + 1
         part = self._path.with_suffix(f".partial{'' if number == 1 else number}{SUFFIX}")
         recording = new_recording(name, live=self._live)
@@ -44,7 +45,7 @@ class SavedViewer(Viewer):
             recording.set_sinks(rr.FileSink(part))
         except RuntimeError as error:
             raise UsageError(f"cannot write {self._path}: {error}") from None
-        sink = RerunSink(recording, live=self._live, gather=GATHER)
+        sink = RerunSink(recording, live=self._live, links=links, gather=GATHER)
         self._open.append((sink, recording, part))
         return sink
 

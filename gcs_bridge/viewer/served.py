@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Sequence
 from typing import Literal
 from urllib.parse import quote
 
 import rerun as rr
 
 from gcs_bridge.viewer import processes
-from gcs_bridge.viewer.open import Say, Viewer, ViewerSink
+from gcs_bridge.viewer.base import Viewer, ViewerOptions, ViewerSink
 from gcs_bridge.viewer.sink import RerunSink, new_recording
 
 __all__ = ["ServedViewer"]
@@ -32,24 +33,16 @@ class ServedViewer(Viewer):
 
     stays = True
 
-    def __init__(
-        self,
-        kind: Literal["native", "web"],
-        *,
-        say: Say,
-        why: str = "",
-        live: bool,
-        server_memory_limit: str | None = None,
-    ) -> None:
+    def __init__(self, kind: Literal["native", "web"], options: ViewerOptions, *, why: str = "") -> None:
         """Find free ports. The server starts with the first recording, and with it the window or the page's server.
 
         `why` goes before the page's address.
         """
         self.kind = kind
-        self._say = say
+        self._say = options.say
         self._why = why
-        self._live = live
-        self._memory_limit = server_memory_limit or _HISTORY[live]
+        self._live = options.live
+        self._memory_limit = options.server_memory_limit or _HISTORY[options.live]
         self._port = processes.free_port(_DATA_PORT)
         self._web_port = processes.free_port(_WEB_PORT) if kind == "web" else None
         self._recordings: list[rr.RecordingStream] = []
@@ -66,14 +59,14 @@ class ServedViewer(Viewer):
         """The web viewer's page."""
         return f"http://{_HOST}:{self._web_port}/?url={quote(self.url, safe='')}&hide_welcome_screen"
 
-    def recording(self, name: str) -> ViewerSink:
-        """Where one link session, or one file, is drawn."""
+    def recording(self, name: str, *, links: Sequence[str] = ()) -> ViewerSink:
+        """Where one link session, or one file, is drawn; `links`: the names by which events call the links."""
         recording = new_recording(name, live=self._live)
         first = not self._recordings
         self._recordings.append(recording)
         if not first:
             recording.set_sinks(rr.GrpcSink(self.url))  # a sender to our own server, which is always there
-            return RerunSink(recording, live=self._live, window=self._window)
+            return RerunSink(recording, live=self._live, links=links, window=self._window)
         recording.set_sinks(rr.GrpcServerSink(_HOST, self._port, server_memory_limit=self._memory_limit))
         if self.kind == "native":
             self._window = processes.Window(self.url, self._say)
@@ -81,7 +74,7 @@ class ServedViewer(Viewer):
         else:
             self._page = processes.Page(self._web_port, self.url, self._say)
             self._say(f"viewer: {self._why}open {self.page_url}{self._from_afar()}")
-        return RerunSink(recording, live=self._live, window=self._window)
+        return RerunSink(recording, live=self._live, links=links, window=self._window)
 
     def close(self) -> None:
         """Hand over what is under way and end the server; a window stays, with what it has got."""

@@ -6,7 +6,7 @@ Attitudes are drawn as sent, never normalised.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -20,10 +20,10 @@ from gcs_bridge.sinks.event_lines import event_line
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer import scene
+from gcs_bridge.viewer.base import ViewerSink
 from gcs_bridge.viewer.disagreement import Apart, Shown
 from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.motion_lines import MotionLines
-from gcs_bridge.viewer.open import ViewerSink
 from gcs_bridge.viewer.processes import Window
 from gcs_bridge.viewer.rows import PLOT_HOLD_US, Instant, Rows, Times, instant_of, pair_times
 from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, boot_timeline, path_of
@@ -81,14 +81,22 @@ class RerunSink(ViewerSink):
     """Draws one link session, or one file, into a rerun recording."""
 
     def __init__(
-        self, recording: rr.RecordingStream, *, live: bool, gather: int = 1, window: Window | None = None
+        self,
+        recording: rr.RecordingStream,
+        *,
+        live: bool,
+        links: Sequence[str] = (),
+        gather: int = 1,
+        window: Window | None = None,
     ) -> None:
         """Draw the empty world. `live`: the newest is followed; else the whole is laid out, by `finish`.
 
-        `gather`: rows to be drawn at a time, where nobody waits for the newest. `window`: its cursor is moved.
+        `links`: by what names events call the links, in their order. `gather`: rows to be drawn at a time, where nobody
+        waits for the newest. `window`: its cursor is moved.
         """
         self._rec = recording
         self._live = live
+        self._links: dict[object, int | None] = {name: number or None for number, name in enumerate(links)}
         self._gather = gather
         self._holds = live and gather == 1  # plots, not attitudes
         self._waiting: dict[tuple[int | str, ...], list[Rows]] = {}
@@ -99,6 +107,11 @@ class RerunSink(ViewerSink):
         self._boots: set[int] = set()
         self._alarm: Instant | None = None
         self._draw(scene.world_parts())
+
+    @property
+    def watched(self) -> bool:
+        """Somebody looks at what is drawn."""
+        return True
 
     def observe(self, observation: Observation) -> None:
         """Draw samples and their comparison."""
@@ -118,8 +131,12 @@ class RerunSink(ViewerSink):
                     self._show([more])
             self._draw_motion(key, self._vehicles[key], observation)
 
-    def event(self, event: Event) -> None:
-        """Write an event into the log, and what it means for the comparison into its lane."""
+    def events(self, events: Sequence[Event]) -> None:
+        """Write events into the log, and what they mean for the comparison into its lane."""
+        for event in events:
+            self._draw_event(event)
+
+    def _draw_event(self, event: Event) -> None:
         if self._holds:
             self.flush()  # the plots lead up to it, and none waits for more when a stream falls silent
         name = event["event"]
@@ -132,7 +149,7 @@ class RerunSink(ViewerSink):
         if not event["vehicle"]:
             self._rec.log("link/events", text)
             return
-        key = vehicle_of(event)
+        key = self._key(event)
         vehicle = self._vehicle(key)
         self._rec.log(path_of(key, "events"), text)
         if name == "alarm_raised":
@@ -184,6 +201,11 @@ class RerunSink(ViewerSink):
             if waiting:
                 Rows.joined(waiting).send(self._rec)
                 waiting.clear()
+
+    def _key(self, event: Event) -> VehicleId:
+        """Whose event it is, as observations call it: those number the links, the first one without a number."""
+        key = vehicle_of(event)
+        return key._replace(link=self._links.get(key.link, key.link))
 
     def _vehicle(self, key: VehicleId) -> _Vehicle:
         vehicle = self._vehicles.get(key)

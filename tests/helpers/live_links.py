@@ -136,7 +136,7 @@ class Live:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def _run(self) -> None:
-        listen(self._links, self.monitor, self.events.append, stop=self._stop.is_set, watched=self._watched)
+        listen(self._links, self.monitor, self.events.extend, stop=self._stop.is_set, watched=self._watched)
 
     def __enter__(self) -> "Live":
         self._thread.start()

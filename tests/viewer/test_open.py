@@ -53,7 +53,7 @@ def started() -> Iterator[Start]:
 @pytest.mark.parametrize("text", ["auto", "native", "web", "none"])
 def test_each_kind_of_viewer_has_a_name(text: str) -> None:
     """What the contract lists is understood."""
-    assert ViewerSpec.parse(text) == ViewerSpec(text)  # type: ignore[arg-type]  # a str, one of the literals
+    assert ViewerSpec.parse(text) == ViewerSpec(text)
 
 
 def test_a_file_to_be_written_follows_save() -> None:
@@ -206,7 +206,7 @@ def test_a_paced_replay_keeps_the_recording_s_time() -> None:
     for span_s in (0.01, 0.02, 0.03):
         clock.span_s = span_s
         pace.keep()
-    assert pace.piece_bytes() == 512
+    assert pace.chunk_bytes() == 512
     while clock.span_s < 10:
         clock.span_s += 0.1
         pace.keep()

@@ -206,7 +206,7 @@ def test_live_attitudes_come_at_once_and_plots_soon(tmp_path: Path) -> None:
     assert len(seen[0]) > 300
     assert 0 < len(seen[0]) - len(seen[1]) <= 10
     assert seen[0][-1] - seen[1][-1] <= 200_000
-    sink.event(told[-1])
+    sink.events(told[-1:])
     recording.flush()
     np.testing.assert_array_equal(
         Drawn(path).rows("/vehicle/1.1/roll/quaternion", names["roll/quaternion"])[0], seen[0]
@@ -248,7 +248,7 @@ def test_the_state_is_the_worst_that_is_raised(tmp_path: Path) -> None:
         for second, (name, alarm, severity, _) in enumerate(story):
             event = make_event(name, VehicleId(None, 1, 1), 0, 1_000_000 * second, -1, check="gravity")
             record = AlarmRecord(id=alarm, check="gravity", severity=severity, boot=0, what="", is_not="")
-            sink.event(event | asdict(record))
+            sink.events([event | asdict(record)])
         sink.finish()
     _, states = Drawn(path).rows("/vehicle/1.1/state", "StateChange:state")
     assert states == [[state] for *_, state in story]
