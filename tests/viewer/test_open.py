@@ -16,6 +16,8 @@ from gcs_bridge.cli import main
 from gcs_bridge.cli.replay import _Pace
 from gcs_bridge.errors import UsageError
 from gcs_bridge.viewer import ViewerSpec
+from gcs_bridge.viewer.base import WRITTEN
+from gcs_bridge.viewer.open import OPENERS
 from gcs_bridge.viewer.processes import free_port
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
@@ -66,6 +68,11 @@ def test_other_viewers_are_refused(text: str) -> None:
     """In one line that names what was given."""
     with pytest.raises(UsageError, match="--viewer"):
         ViewerSpec.parse(text)
+
+
+def test_each_kind_of_viewer_has_its_opener() -> None:
+    """What can be asked for can be opened, and nothing else."""
+    assert list(OPENERS) == list(WRITTEN)
 
 
 def test_none_shows_nothing_and_needs_no_rerun() -> None:
