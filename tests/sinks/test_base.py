@@ -98,7 +98,7 @@ def test_several_are_one() -> None:
     """One that failed, or is looked at, is enough."""
 
     class Failed(Sink):
-        failed = watched = property(lambda _: True)  # type: ignore[assignment]  # a property as well
+        failed = watched = property(lambda _: True)
 
     assert (Sinks([Sink()]).failed, Sinks([Sink()]).watched) == (False, False)
     assert (Sinks([Sink(), Failed()]).failed, Sinks([Sink(), Failed()]).watched) == (True, True)
