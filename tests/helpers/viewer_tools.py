@@ -78,11 +78,10 @@ def drawn(data: bytes, path: Path, *, pieces: int = 1) -> tuple[Drawn, list[dict
         sink = viewer.recording("by hand")
         monitor = Monitor(observer=sink.observe)
         for cut in np.array_split(np.frombuffer(data, np.uint8), pieces):
-            for event in monitor.feed_recording(cut.tobytes()):
-                sink.event(event)
-                events.append(plain(event))
-        for event in monitor.finish():
-            sink.event(event)
+            told = monitor.feed_recording(cut.tobytes())
+            sink.events(told)
+            events += map(plain, told)
+        sink.events(monitor.finish())
         sink.finish()
     return Drawn(path), events
 
