@@ -63,7 +63,7 @@ def test_what_certain_frames_brought() -> None:
 def test_records_are_built_by_keyword() -> None:
     """Columns that look alike can't be swapped."""
     with pytest.raises(TypeError):
-        Points(np.zeros(1, np.int64), np.zeros((1, 2)), "A")  # type: ignore[misc]  # which is what is tested
+        Points(np.zeros(1, np.int64), np.zeros((1, 2)), "A")  # type: ignore[call-arg]  # which is what is tested
     assert issubclass(Points, Columns)
 
 
@@ -82,7 +82,8 @@ def test_a_ring_keeps_the_last_rows_and_their_positions(batches: list[int]) -> N
 @given(st.lists(st.integers(-50, 50), max_size=20), st.lists(st.integers(0, 20)).map(sorted))
 def test_a_running_maximum_does_not_depend_on_the_cuts(numbers: list[int], cuts: list[int]) -> None:
     """With each number the largest so far, and before them all the one that it starts with."""
-    running, found = RunningMax(-7), []
+    running = RunningMax(-7)
+    found: list[int] = []
     for part in np.split(np.array(numbers, np.int64), cuts):
         before, *largest = running.feed(part).tolist()
         assert before == max([-7, *numbers[: len(found)]])

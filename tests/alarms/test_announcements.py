@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -83,7 +84,8 @@ def one(value: float, second: int) -> Rated:
 
 
 def short(notices: Iterable[Notice]) -> Told:
-    return [(notice.event.name.removeprefix("alarm_"), notice.event.id) for notice in notices]
+    entries = [msgspec.to_builtins(notice.event) for notice in notices]
+    return [(entry["event"].removeprefix("alarm_"), entry["id"]) for entry in entries]
 
 
 def both(*what: str, alarm_id: str) -> Told:

@@ -165,7 +165,7 @@ def columns(cuts: Sequence[int]) -> list[bytes]:
     """Everything that a flight hands on, column by column over all batches."""
     seen = [one.flight for one in observed(JITTERED, cuts)]
     imu = [flight.imu for flight in seen if flight.imu is not None]
-    parts: list[list[Array]] = [
+    parts: list[list[NDArray[Any]]] = [
         [flight.attitude.t_us for flight in seen],
         [flight.attitude.frame_index for flight in seen],
         [flight.attitude.rows for flight in seen],

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
+from scipy.spatial.transform import Rotation
 
 from gcs_bridge.evidence.tables import tables_of
 from gcs_bridge.judging import alarm_windows as moments
@@ -73,7 +74,7 @@ def flown(seconds: float, *, fault_s: tuple[float, float], boot_ms: int = 10_000
         ms = 40 * i
         yaw, rates = 0.02 * ms / 1000, (0, 0, 0.02)
         off = math.radians(25.0) if fault_s[0] <= ms / 1000 < fault_s[1] else 0.0
-        q = wire.wxyz(wire.Rotation.from_euler("Z", yaw + off))
+        q = wire.wxyz(Rotation.from_euler("Z", yaw + off))
         attitudes.append((ms, wire.attitude(boot_ms + ms, (0, 0, yaw), rates)))
         attitudes.append((ms, wire.attitude_quaternion(boot_ms + ms, q, rates)))
     frames = sorted(beats + attitudes, key=lambda record: record[0])

@@ -31,7 +31,8 @@ def values(said: Sequence[Statement]) -> list[tuple[str, float]]:
 
 
 def at(latest: StepSignal, *frame_indices: int) -> list[float]:
-    return latest.at(np.array(frame_indices, np.int64)).tolist()
+    values: list[float] = latest.at(np.array(frame_indices, np.int64)).tolist()
+    return values
 
 
 def test_a_value_holds_from_its_frame_on() -> None:

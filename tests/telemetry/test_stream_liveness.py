@@ -50,9 +50,9 @@ def told(
     return turns, liveness
 
 
-def moments(story: Sequence[Message], **more: int) -> list[tuple[str, int, int]]:
+def moments(story: Sequence[Message], *, period_ms: int = 100) -> list[tuple[str, int, int]]:
     """(what, stream, boot ms) of each turn."""
-    return [(turn.what, turn.stream, turn.t_boot_us // 1000) for turn in told(story, **more)[0]]
+    return [(turn.what, turn.stream, turn.t_boot_us // 1000) for turn in told(story, period_ms=period_ms)[0]]
 
 
 def both(first_ms: int, last_ms: int, step_ms: int = 100) -> list[Message]:
