@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from gcs_bridge.chunks import Chunk
 from gcs_bridge.contract import plain
 from gcs_bridge.events import Event
 from gcs_bridge.judging import monitor
@@ -22,8 +23,9 @@ PlainEvent = dict[str, Any]
 class Monitor:
     """Judges links and recordings as their bytes come.
 
-    Fed with `feed` (a link's bytes) or `feed_recording` (a .tlog's), in pieces cut anywhere; the events that a piece
-    brought about come back as dicts with the contract's keys. `close` returns the report.
+    Fed with `feed` (a link's bytes) or `feed_recording` (a .tlog's), in pieces cut anywhere, or with the chunks of
+    either by `take`; the events that a piece brought about come back as dicts with the contract's keys. `close` returns
+    the report.
     """
 
     def __init__(
@@ -66,6 +68,13 @@ class Monitor:
         bytes, it is there again. ValueError where it is not open.
         """
         return _plain(self._monitor.close_link(link, t_rx_us))
+
+    def take(self, chunks: Sequence[Chunk], link: int = 0) -> list[PlainEvent]:
+        """Take chunks of a link, or of a recording whatever `link` is, as one batch: as one by one, at less cost.
+
+        A link that was closed is open again, as what it was before.
+        """
+        return _plain(self._monitor.take(chunks, link))
 
     def feed(self, data: bytes | bytearray | memoryview, t_rx_us: int, link: int = 0) -> list[PlainEvent]:
         """Take the next bytes of a link, or one datagram, received at `t_rx_us` (µs since 1970; −1: unknown)."""

@@ -13,14 +13,14 @@ import click
 
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
+from gcs_bridge.recordings.open import READERS
+from gcs_bridge.report.formats import FORMATS
 
 if TYPE_CHECKING:  # loaded when there is something to judge
     from gcs_bridge.evidence.place import Folder
     from gcs_bridge.report.schema import File
 
 __all__ = ["check", "find_recordings"]
-
-SUFFIXES = (".tlog", ".raw", ".rlog")  # .tlog.raw is a .raw
 
 
 @click.command(short_help="Judge recordings: report and exit code.")
@@ -30,7 +30,7 @@ SUFFIXES = (".tlog", ".raw", ".rlog")  # .tlog.raw is a .raw
 @click.option("--sysid", type=click.IntRange(1, 255), metavar="N", help="Judge this system alone.")
 @click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
 @click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
-@click.option("--format", "form", type=click.Choice(["text", "json"]), default="text", help="Of the report.  [text]")
+@click.option("--format", "form", type=click.Choice(list(FORMATS)), default="text", help="Of the report.  [text]")
 @click.option("--output", type=click.Path(path_type=Path), metavar="PATH", help="Write the report to this file.")
 @click.option("--evidence", type=click.Path(path_type=Path), metavar="DIR", help="Write what each alarm rests on.")
 @click.option("--fail-on", type=click.Choice(["warning", "alarm", "never"]), help="What ends with 1.  [alarm]")
@@ -91,7 +91,7 @@ def check(
 
         folder = place.folder(recording)
         with Evidence(recording, folder, dialect) as gathered:
-            entry = check_file(recording, settings, **selected, progress=progress, observer=gathered)
+            entry = check_file(recording, settings, **selected, progress=progress, sinks=[gathered])
             count = gathered.complete(entry)
         if not quiet:
             complain(_evidence(recording, folder, count, gathered.left_out), kind="note")
@@ -112,7 +112,7 @@ def check(
 
     report = Report.of(judged)
     if judged:
-        result = report.to_json() if form == "json" else report.to_text(detail=verbose - quiet)
+        result = FORMATS[form](report, verbose - quiet)
         if output is not None:
             write_file(result, output)
             if not quiet:
@@ -137,12 +137,12 @@ def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeEr
             Path(folder, name)
             for folder, _, names in os.walk(path, onerror=unreadable.append)
             for name in names
-            if name.lower().endswith(SUFFIXES) and os.path.isfile(Path(folder, name))
+            if name.lower().endswith(tuple(READERS)) and os.path.isfile(Path(folder, name))
         )
         found.update(dict.fromkeys(inside))
         failures += [SourceError(f"{error.filename}: cannot be searched: {error.strerror}") for error in unreadable]
         if not inside and not unreadable:
-            failures.append(SourceError(f"{path}: no recording in this folder (looked for {', '.join(SUFFIXES)})"))
+            failures.append(SourceError(f"{path}: no recording in this folder (looked for {', '.join(READERS)})"))
     return list(found), failures
 
 

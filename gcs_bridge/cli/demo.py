@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import click
 from gcs_bridge.cli.live_run import LiveOptions, LiveRun, live_options, refuse_not_positive
 from gcs_bridge.cli.terminal import complain
 from gcs_bridge.events import AlarmRaised, Event
+from gcs_bridge.sinks.base import Sink
 
 if TYPE_CHECKING:  # loaded when there is something to play
     from gcs_bridge.mavlink.scanner import RawFrame
@@ -34,7 +36,7 @@ def demo(duration_s: float, speed: float, **options: Any) -> int:
     """
     refuse_not_positive("--duration", duration_s)
     refuse_not_positive("--speed", speed)
-    run = LiveRun(LiveOptions(**options))
+    run = LiveRun(LiveOptions.of(options))
 
     from gcs_bridge.links.open import open_link
     from gcs_bridge.links.player import Player
@@ -45,12 +47,7 @@ def demo(duration_s: float, speed: float, **options: Any) -> int:
     frames, half_s = _flight(recording, duration_s * speed)
     lasts_s = (frames[-1].t_rx_us - frames[0].t_rx_us) / 1e6 / speed
     uri = NetworkUri("udpin", "127.0.0.1", _free_port())
-    raised: list[AlarmRaised] = []
-
-    def note_alarm(event: Event) -> None:
-        if isinstance(event, AlarmRaised):
-            raised.append(event)
-
+    seen = _Raised()
     complain(
         f"a recorded flight plays for {lasts_s:.0f} s to {uri}; after {half_s / speed:.0f} s the fault {FAULT} is on",
         kind="note",
@@ -60,10 +57,20 @@ def demo(duration_s: float, speed: float, **options: Any) -> int:
         title="demo",
         duration_s=lasts_s + _GRACE_S,
         beside=lambda: Player(frames, uri.port, speed=speed),
-        also_tell=note_alarm,
+        sinks=[seen],
     )
-    run.print_result(_what_was_seen(raised, _shown(recording)))
+    run.print_result(_what_was_seen(seen.alarms, _shown(recording)))
     return code
+
+
+class _Raised(Sink):
+    """Keeps what was told of alarms that were raised."""
+
+    def __init__(self) -> None:
+        self.alarms: list[AlarmRaised] = []
+
+    def events(self, events: Sequence[Event]) -> None:
+        self.alarms += [event for event in events if isinstance(event, AlarmRaised)]
 
 
 def _flight(recording: Path, seconds: float) -> tuple[list[RawFrame], float]:

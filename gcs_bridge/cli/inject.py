@@ -66,7 +66,7 @@ def inject(
     from gcs_bridge.recordings.edits import scope_text
     from gcs_bridge.recordings.faults import parse_fault
     from gcs_bridge.recordings.inject import inject_file
-    from gcs_bridge.recordings.source import open_recording
+    from gcs_bridge.recordings.open import open_recording
 
     wanted = [parse_fault(fault) for fault in faults]
     target = output or Path(f"{path.stem}.{'+'.join(re.sub(r'[:=,]', '_', fault) for fault in faults)}.tlog")

@@ -38,7 +38,7 @@ def listen(uris: tuple[str, ...], baud: int, duration_s: float | None, **options
     parsed = [parse_uri(uri, baud=baud) for uri in uris]
     for twice in {str(uri) for uri in parsed if parsed.count(uri) > 1}:
         raise UsageError(f"{twice} is named twice")
-    run = LiveRun(LiveOptions(**options))
+    run = LiveRun(LiveOptions.of(options))
 
     def opener(uri: Uri) -> Callable[[], Link]:
         def opened() -> Link:

@@ -15,6 +15,7 @@ from gcs_bridge.cli.check import refuse_times
 from gcs_bridge.cli.live_run import refuse_not_positive
 from gcs_bridge.cli.terminal import ProgressBar, complain
 from gcs_bridge.errors import SourceError, UsageError
+from gcs_bridge.viewer.base import FORMS
 
 if TYPE_CHECKING:  # loaded when there is something to show
     from gcs_bridge.judging.monitor import Monitor
@@ -22,8 +23,8 @@ if TYPE_CHECKING:  # loaded when there is something to show
 
 __all__ = ["replay"]
 
-_PACED_BYTES = (64, 65_536)  # the shortest and the longest piece of a paced recording
-_SMOOTH_S = 0.05  # what a piece should last
+_PACED_BYTES = (64, 65_536)  # the shortest and the longest chunk of a paced recording
+_SMOOTH_S = 0.05  # what a chunk should last
 _LONGEST_PAUSE_S = 5.0  # nobody waits for the rest of a longer one
 
 
@@ -34,7 +35,7 @@ _LONGEST_PAUSE_S = 5.0  # nobody waits for the rest of a longer one
 @click.option("--sysid", type=click.IntRange(1, 255), metavar="N", help="Show this system alone.")
 @click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
 @click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
-@click.option("--viewer", default="auto", metavar="WHICH", help="auto, native, web, save:FILE.rrd or none.  [auto]")
+@click.option("--viewer", default="auto", metavar="WHICH", help=f"{FORMS}.  [auto]")
 @click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
 @click.option("--config", type=click.Path(path_type=Path), metavar="FILE", help="TOML with settings of your own.")
 @click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]")
@@ -99,9 +100,10 @@ def _show(
 ) -> int:
     """Show one recording; the exit code that it alone would give."""
     from gcs_bridge.judging.monitor import Monitor
-    from gcs_bridge.recordings.check import closing_entry
-    from gcs_bridge.recordings.source import open_recording
+    from gcs_bridge.recordings.check import closing_entry, feed
+    from gcs_bridge.recordings.open import open_recording
     from gcs_bridge.report import Report
+    from gcs_bridge.sinks.base import Sinks
 
     try:
         with open_recording(path, selected["dialect"]) as source:
@@ -112,19 +114,17 @@ def _show(
             if isinstance(moment, float):
                 source.need_times("--at cannot find a time in it")
             sink = viewer.recording(path.name)
-            monitor = Monitor(**selected, observer=sink.observe)
+            sinks = Sinks([sink])
+            monitor = Monitor(**selected, observer=sinks.observer, on_frames=sinks.on_frames)
             pace = None if speed is None else _Pace(monitor, speed)
             with ProgressBar(total_bytes=source.size, enabled=not quiet and pace is None) as progress:
-                done = 0
-                for piece in source.pieces(pace.piece_bytes) if pace else source.pieces():
-                    for event in source.feed(monitor, piece):
-                        sink.event(event)
-                    done += len(piece)
+
+                def after(done: int) -> None:
                     progress(done, source.size)
                     if pace:
                         pace.keep()
-            for event in monitor.finish():
-                sink.event(event)
+
+                feed(source.chunks(pace.chunk_bytes) if pace else source, monitor, sinks, after)
             entry = closing_entry(monitor, path)
     except SourceError as failure:
         complain(str(failure))
@@ -161,8 +161,8 @@ class _Pace:
         self._start_s = now_s()
         self._bytes = _PACED_BYTES[0]
 
-    def piece_bytes(self) -> int:
-        """How much to read next: so much that a piece lasts an eye's blink, whatever the rate."""
+    def chunk_bytes(self) -> int:
+        """How much to read next: so much that a chunk lasts an eye's blink, whatever the rate."""
         return self._bytes
 
     def keep(self) -> None:

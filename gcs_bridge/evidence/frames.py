@@ -39,8 +39,8 @@ def frames_of(source: Source, ranges: Sequence[tuple[int, int]], dialect: Dialec
     scanner = Scanner(dialect, timed=source.timed)
     waiting: dict[int, list[_Part]] = {index: [] for index in range(len(ranges))}
     count = 0
-    for piece in chain(source.pieces(), (None,)):
-        scanner.scan(piece or b"", final=piece is None)
+    for chunk in chain(source, (None,)):
+        scanner.scan(b"" if chunk is None else chunk.data, final=chunk is None)
         frames, raw = scanner.all_frames, None
         verified = frames["verified"] == 1
         frame_index = count + np.cumsum(verified) - verified
@@ -51,7 +51,7 @@ def frames_of(source: Source, ranges: Sequence[tuple[int, int]], dialect: Dialec
             if len(rows):
                 raw = raw or scanner.raw_frames()
                 parts.append(_Part(frames[rows], frame_index[rows], [raw[row].data for row in rows.tolist()]))
-            if count >= end or piece is None:
+            if count >= end or chunk is None:
                 yield index, pa.concat_tables([_table(part, dialect) for part in waiting.pop(index) or [_NOTHING]])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,8 +24,9 @@ from gcs_bridge.evidence.tables import tables_of
 from gcs_bridge.judging.alarm_windows import AlarmWindow, AlarmWindows
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.judging.observation import Observation
-from gcs_bridge.recordings.source import open_recording
+from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.report.schema import File, Vehicle
+from gcs_bridge.sinks.base import Sink
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.moment import save_moment
 
@@ -44,8 +45,8 @@ class _Written:
     rows: dict[str, int]
 
 
-class Evidence:
-    """An observer of how a recording is judged: `gcs_bridge.recordings.check.check_file(observer=…)`.
+class Evidence(Sink):
+    """A sink of how a recording is judged: `gcs_bridge.recordings.check.check_file(sinks=…)`.
 
     Tables and pictures are written as each moment ends; `complete`, with the report's entry, adds frames and summaries.
     """
@@ -62,14 +63,18 @@ class Evidence:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave nothing of what was not completed."""
         self._folder.discard()
 
     def observe(self, observation: Observation) -> None:
         """Take what was judged."""
         self._moments.observe(observation)
 
-    def take(self, events: list[Event]) -> None:
-        """Take the events of a piece, and write the moments that are over."""
+    def events(self, events: Sequence[Event]) -> None:
+        """Take the events of a batch, and write the moments that are over."""
         self._write(self._moments.take(events))
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.alarms.manager import AlarmManager
+from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.columns import Int64s
 from gcs_bridge.contract import readable
 from gcs_bridge.events import Event, Notice, Rank, VehicleLost, VehicleSeen, head, in_order
@@ -122,18 +123,12 @@ class Link:
         """From the first receive time to the last, µs."""
         return 0 if self._start_us is None else self._latest_rx_us - self._start_us
 
-    def feed(self, data: bytes | bytearray | memoryview, t_rx_us: int, *, final: bool = False) -> list[Event]:
-        """Take the next bytes, or one datagram."""
-        return self.feed_pieces(((data, t_rx_us),), final=final)
-
-    def feed_pieces(
-        self, pieces: Sequence[tuple[bytes | bytearray | memoryview, int]], *, final: bool = False
-    ) -> list[Event]:
-        """Scan piece after piece, each with its own borders, and judge what they hold as one batch."""
+    def take(self, chunks: Sequence[Chunk], *, final: bool = False) -> list[Event]:
+        """Scan chunk after chunk, and judge what they hold as one batch; the link's own framing holds, not theirs."""
         scanner = self._scanner
         found: list[Frames] = []
         buffers: list[Bytes] = []
-        for data, t_rx_us in pieces:
+        for data, t_rx_us, _ in chunks:
             frames = scanner.scan(data, t_rx_us=t_rx_us, final=final or self._datagrams)
             if self.on_frames is not None and len(scanner.all_frames):
                 self.on_frames(scanner.raw_frames())
@@ -173,7 +168,9 @@ class Link:
 
     def finish(self) -> list[Event]:
         """Nothing follows."""
-        return [] if self._datagrams else self.feed(b"", self._latest_rx_us, final=True)
+        if self._datagrams:
+            return []
+        return self.take([Chunk(b"", self._latest_rx_us, Framing.STREAM)], final=True)
 
     def entry(self, name: str) -> schema.File:
         """The link's entry in the report."""

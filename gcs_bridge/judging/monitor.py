@@ -9,15 +9,16 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 from gcs_bridge.alarms.manager import AlarmManager
+from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event, Notice
 from gcs_bridge.judging.link import Datagram, FrameObserver, Link, events_of
 from gcs_bridge.judging.observation import Observer
-from gcs_bridge.judging.vehicle import STREAMS
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
 from gcs_bridge.mavlink.scanner import Scanner
 from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings, load_settings
+from gcs_bridge.telemetry.samples import STREAMS
 
 _RECORDING = "recording"
 
@@ -25,8 +26,8 @@ _RECORDING = "recording"
 class Monitor:
     """Judges links and recordings as their bytes come.
 
-    Fed with `feed` (a link's bytes) or `feed_recording` (a .tlog's), in pieces cut anywhere; the events that a piece
-    brought about come back. `close` returns the report.
+    Fed with `feed` (a link's bytes) or `feed_recording` (a .tlog's), in pieces cut anywhere, or with the chunks of
+    either by `take`; the events that a piece brought about come back. `close` returns the report.
     """
 
     def __init__(
@@ -59,7 +60,7 @@ class Monitor:
         """Say before its first bytes that `link` brings datagrams: each `feed` is then one, with its borders."""
         found = self._links.get(link)
         if found is None:
-            self._new_link(link, timed=False, datagrams=datagrams)
+            self._new_link(link, Framing.DATAGRAM if datagrams else Framing.STREAM)
         elif found.is_open:
             raise ValueError(f"link {link} is open already")
         else:
@@ -76,18 +77,29 @@ class Monitor:
             raise ValueError(f"link {link} is not open")
         return found.close(t_rx_us)
 
+    def take(self, chunks: Sequence[Chunk], link: int = 0) -> list[Event]:
+        """Take chunks of a link, or of a recording whatever `link` is, as one batch: as one by one, at less cost.
+
+        A link that was closed is open again, as what it was before.
+        """
+        if not chunks:
+            return []
+        name = _RECORDING if chunks[0].framing is Framing.RECORDS else link
+        found = self._links.get(name) or self._new_link(name, chunks[0].framing)
+        found.is_open = True
+        return found.take(chunks)
+
     def feed(self, data: bytes | bytearray | memoryview, t_rx_us: int, link: int = 0) -> list[Event]:
         """Take the next bytes of a link, or one datagram, received at `t_rx_us` (µs since 1970; −1: unknown)."""
-        return self._open(link, datagrams=False).feed(data, t_rx_us)
+        return self.take([Chunk(data, t_rx_us, Framing.STREAM)], link)
 
     def feed_datagrams(self, datagrams: Sequence[Datagram], link: int = 0) -> list[Event]:
         """Take several datagrams of a link at once: the same as one `feed` each, at less cost."""
-        return self._open(link, datagrams=True).feed_pieces(datagrams)
+        return self.take([Chunk(data, t_rx_us, Framing.DATAGRAM) for data, t_rx_us in datagrams], link)
 
     def feed_recording(self, piece: bytes | bytearray | memoryview) -> list[Event]:
         """Take the next piece of a .tlog, cut anywhere; its records bring their receive times."""
-        found = self._links.get(_RECORDING) or self._new_link(_RECORDING, timed=True)
-        return found.feed(piece, -1)
+        return self.take([Chunk(piece, -1, Framing.RECORDS)])
 
     def advance(self, t_rx_us: int, link: int | None = None) -> list[Event]:
         """Time has come to `t_rx_us` and nothing came, on `link` or on any: tell of the deadlines that have passed."""
@@ -135,14 +147,9 @@ class Monitor:
         """From the first receive time to the last, over all links."""
         return max((link.span_us for link in self._links.values()), default=0) / 1e6
 
-    def _open(self, link: int, *, datagrams: bool) -> Link:
-        """The link, opened as it was before, or as what it seems to be."""
-        found = self._links.get(link) or self._new_link(link, timed=False, datagrams=datagrams)
-        found.is_open = True
-        return found
-
-    def _new_link(self, name: int | str, *, timed: bool, datagrams: bool = False) -> Link:
-        scanner = Scanner(self._dialect, timed=timed)
+    def _new_link(self, name: int | str, framing: Framing) -> Link:
+        scanner = Scanner(self._dialect, timed=framing is Framing.RECORDS)
+        datagrams = framing is Framing.DATAGRAM
         number = name if self._links and isinstance(name, int) else None
         link = Link(
             scanner, datagrams, self._dialect, self._settings, self._sysid, self._window_s, self._observer, number

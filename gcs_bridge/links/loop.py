@@ -12,12 +12,13 @@ from collections.abc import Callable, Sequence
 from types import FrameType, TracebackType
 from typing import Any
 
+from gcs_bridge.chunks import Framing
 from gcs_bridge.contract import readable
 from gcs_bridge.events import Damage, Event, LinkDown, LinkUp, utc
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.links.link import Link, LinkDownError, now_us
 
-__all__ = ["Stop", "link_name", "listen"]
+__all__ = ["Stop", "listen"]
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
 # The least time from batch to batch: judging one costs the same whether it holds one message or ten. Where a viewer
 # looks on, the newest is to be there within 0.1 s.
@@ -56,13 +57,13 @@ class Stop:
 def listen(
     links: Sequence[Link],
     monitor: Monitor,
-    tell: Callable[[Event], None],
+    tell: Callable[[list[Event]], None],
     *,
     stop: Callable[[], bool] = lambda: False,
     duration_s: float | None = None,
     watched: bool = False,
 ) -> bool:
-    """Feed `monitor` from the links and `tell` every event, until `stop` says so or `duration_s` is over.
+    """Feed `monitor` from the links and `tell` each batch's events, until `stop` says so or `duration_s` is over.
 
     Link number n is the monitor's link n; in an event of the link itself, `link` is its name. Returns False if it
     ended because every link had. `watched`: a viewer shows what comes, so it is taken more often.
@@ -95,57 +96,42 @@ def listen(
     return False
 
 
-def link_name(event: Event, links: Sequence[Link]) -> str:
-    """The name of the link, one of those that are listened to, that an event is about."""
-    return event.link if isinstance(event.link, str) else links[event.link or 0].name
-
-
 class _Listened:
     """One link while it is listened to."""
 
-    def __init__(self, number: int, link: Link, monitor: Monitor, tell: Callable[[Event], None]) -> None:
+    def __init__(self, number: int, link: Link, monitor: Monitor, tell: Callable[[list[Event]], None]) -> None:
         self.link = link
         self.ended = False
         self._number = number
         self._monitor = monitor
         self._tell = tell
         self._dropped = 0
-        monitor.open_link(number, datagrams=link.datagrams)
+        monitor.open_link(number, datagrams=link.framing is Framing.DATAGRAM)
 
     def take(self) -> bool:
         """Judge everything that has arrived; whether there was anything."""
         try:
-            pieces = self.link.drain()
+            chunks = self.link.drain()
         except LinkDownError as end:
             self.ended = True
-            self._pass_on(self._monitor.close_link(self._number, now_us()))
+            self._tell(self._monitor.close_link(self._number, now_us()))
             self.say(LinkDown, reason=readable(str(end)))
             return False
-        if self.link.datagrams:
-            self._pass_on(self._monitor.feed_datagrams(pieces, self._number))
-        elif pieces:
-            self._pass_on(
-                self._monitor.feed(b"".join(piece.data for piece in pieces), pieces[-1].t_rx_us, self._number)
-            )
+        self._tell(self._monitor.take(chunks, self._number))
         if self.link.dropped != self._dropped:
             lost, self._dropped = self.link.dropped - self._dropped, self.link.dropped
             self.say(Damage, reason=f"{lost} datagrams were dropped here: this machine is too slow", dropped=lost)
-        return bool(pieces)
+        return bool(chunks)
 
     def advance(self) -> None:
         """Nothing has come: let time pass."""
-        self._pass_on(self._monitor.advance(now_us(), self._number))
+        self._tell(self._monitor.advance(now_us(), self._number))
 
     def say(self, kind: type[Event], **more: Any) -> None:
         """Tell an event of the link itself."""
         at = utc(now_us())
-        self._tell(
-            kind(vehicle=None, boot=None, boot_s=None, utc=at, check=None, link=readable(self.link.name), **more)
-        )
-
-    def _pass_on(self, events: list[Event]) -> None:
-        for event in events:
-            self._tell(event)
+        event = kind(vehicle=None, boot=None, boot_s=None, utc=at, check=None, link=readable(self.link.name), **more)
+        self._tell([event])
 
 
 class _Waiter:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from gcs_bridge.links.link import DatagramLink, Link, SerialLink, TcpLink
 from gcs_bridge.links.udp_owner import udp_port_owner
 from gcs_bridge.links.uri import NetworkUri, SerialUri, Uri
 
-__all__ = ["open_link"]
+__all__ = ["OPENERS", "open_link"]
 # Nothing is sent, but pymavlink wants to know as whom; its default component 0 is invalid (mavlink.io,
 # guide/routing.html). Not 255: an autopilot may take that system for its ground station.
 _SYSTEM = 254
@@ -26,15 +26,33 @@ _PATIENCE_S = 5.0
 def open_link(uri: Uri, *, dialect: str = "all") -> Link:
     """Open the link; SourceError in one line, with what to do next, where it cannot be."""
     try:
-        if isinstance(uri, SerialUri):
-            return SerialLink(str(uri), _connected(uri.device, dialect, baud=uri.baud))
-        if uri.kind == "tcp":
-            with _bounded_wait():
-                return TcpLink(str(uri), _connected(str(uri), dialect))
-        _refuse_taken(uri)
-        return DatagramLink(str(uri), _connected(str(uri), dialect))
+        return OPENERS[uri.kind](uri, dialect)
     except (OSError, ValueError, OverflowError) as error:  # pyserial's own errors are OSErrors
         raise SourceError(f"{uri}: {_reason(uri, error)}") from None
+
+
+def _open_datagrams(uri: Uri, dialect: str) -> Link:
+    assert isinstance(uri, NetworkUri)
+    _refuse_taken(uri)
+    return DatagramLink(str(uri), _connected(str(uri), dialect))
+
+
+def _open_tcp(uri: Uri, dialect: str) -> Link:
+    with _bounded_wait():
+        return TcpLink(str(uri), _connected(str(uri), dialect))
+
+
+def _open_serial(uri: Uri, dialect: str) -> Link:
+    assert isinstance(uri, SerialUri)
+    return SerialLink(str(uri), _connected(uri.device, dialect, baud=uri.baud))
+
+
+# The kinds of link; what they are called is in `links.uri`.
+OPENERS: dict[str, Callable[[Uri, str], Link]] = {
+    "udpin": _open_datagrams,
+    "tcp": _open_tcp,
+    "serial": _open_serial,
+}
 
 
 def _connected(device: str, dialect: str, *, baud: int = 115200) -> Any:

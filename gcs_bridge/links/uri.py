@@ -7,18 +7,18 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar
 
 from gcs_bridge.errors import UsageError
 
-__all__ = ["NetworkUri", "SerialUri", "Uri", "parse_uri"]
+__all__ = ["SCHEMES", "NetworkUri", "SerialUri", "Uri", "parse_uri"]
 
 
 @dataclass(frozen=True)
 class NetworkUri:
     """`udpin:HOST:PORT`: wait there for datagrams; `tcp:HOST:PORT`: connect there."""
 
-    kind: Literal["udpin", "tcp"]
+    kind: str
     host: str
     port: int
 
@@ -30,6 +30,7 @@ class NetworkUri:
 class SerialUri:
     """A serial device (`/dev/ttyACM0`, `COM3`) and its speed in bits a second."""
 
+    kind: ClassVar[str] = "serial"  # of which no URI begins: a device is known by its path
     device: str
     baud: int
 
@@ -38,6 +39,8 @@ class SerialUri:
 
 
 Uri = NetworkUri | SerialUri
+# What a URI may begin with, and its form behind that; `links.open.OPENERS` opens it.
+SCHEMES = {"udpin": "HOST:PORT", "tcp": "HOST:PORT"}
 _REFUSED = {
     "udpout": (
         "udpout: cannot receive before it has sent, and sending is not enabled: "
@@ -47,7 +50,7 @@ _REFUSED = {
     "tcpin": "tcpin: is not supported yet: let the other side listen, and connect to it with tcp:HOST:PORT",
     "mcast": "mcast: is not supported yet: use udpin:HOST:PORT",
 }
-_KNOWN = ("udpin", "tcp", *_REFUSED)
+_KNOWN = (*SCHEMES, *_REFUSED)
 _NEAREST = {"udp": "udpin", "udpi": "udpin", "upd": "udpin", "serial": "/dev/ttyACM0"}
 
 
@@ -69,10 +72,8 @@ def parse_uri(text: str, *, baud: int = 115200) -> Uri:
         raise UsageError(f"{text!r} is no link{hint}")
     if scheme in _REFUSED:
         raise UsageError(_REFUSED[scheme])
-    if scheme == "udpin":
-        return NetworkUri("udpin", *_address(text, rest))
-    if scheme == "tcp":
-        return NetworkUri("tcp", *_address(text, rest))
+    if scheme in SCHEMES:
+        return NetworkUri(scheme, *_address(text, rest))
     raise UsageError(f"unknown kind of link {scheme + ':'!r}{_hint(scheme, rest)}")
 
 
@@ -111,4 +112,5 @@ def _hint(scheme: str, rest: str) -> str:
 
 
 def _forms() -> str:
-    return "; links are udpin:HOST:PORT, tcp:HOST:PORT and serial devices as /dev/ttyACM0"
+    schemes = ", ".join(f"{scheme}:{form}" for scheme, form in SCHEMES.items())
+    return f"; links are {schemes} and serial devices as /dev/ttyACM0"

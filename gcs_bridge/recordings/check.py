@@ -2,33 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Protocol
 
 from msgspec.structs import replace
 
+from gcs_bridge.chunks import Chunk
 from gcs_bridge.contract import readable
 from gcs_bridge.errors import UsageError
-from gcs_bridge.events import Event
 from gcs_bridge.judging.monitor import Monitor
-from gcs_bridge.judging.observation import Observation
-from gcs_bridge.recordings.source import open_recording
+from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.report import Report
 from gcs_bridge.report.schema import File
 from gcs_bridge.settings import Settings, load_settings
+from gcs_bridge.sinks.base import Sink, Sinks
 
 Progress = Callable[[int, int], None]
-
-
-class RecordingObserver(Protocol):
-    """Whoever wants to see how a recording is judged."""
-
-    def observe(self, observation: Observation) -> None:
-        """Take what was judged: before the events that came of it."""
-
-    def take(self, events: list[Event]) -> None:
-        """Take the events of a piece of the recording, none included."""
 
 
 def check(
@@ -50,29 +39,38 @@ def check_file(
     from_s: float | None = None,
     to_s: float | None = None,
     progress: Progress | None = None,
-    observer: RecordingObserver | None = None,
+    sinks: Iterable[Sink] = (),
 ) -> File:
     """Judge one recording and return its entry in the report.
 
-    `progress` is told bytes done and bytes in all, `observer` is shown how it is judged. Raises SourceError where the
+    `progress` is told bytes done and in all, `sinks` what is told while it is judged. Raises SourceError where the
     file cannot be used, UsageError where `from_s` is past its end or the file has no times to select by.
     """
-    observe = None if observer is None else observer.observe
-    monitor = Monitor(settings=settings, dialect=dialect, sysid=sysid, from_s=from_s, to_s=to_s, observer=observe)
+    taking = Sinks(sinks)
+    monitor = Monitor(
+        settings=settings,
+        dialect=dialect,
+        sysid=sysid,
+        from_s=from_s,
+        to_s=to_s,
+        observer=taking.observer,
+        on_frames=taking.on_frames,
+    )
     with open_recording(path, dialect) as source:
         if from_s is not None or to_s is not None:
             source.need_times("--from and --to cannot select by them")
-        done = 0
-        for piece in source.pieces():
-            events = source.feed(monitor, piece)
-            if observer is not None:
-                observer.take(events)
-            done += len(piece)
-            if progress is not None:
-                progress(done, source.size)
-    if observer is not None:
-        observer.take(monitor.finish())
+        feed(source, monitor, taking, lambda done: None if progress is None else progress(done, source.size))
     return closing_entry(monitor, path)
+
+
+def feed(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, after: Callable[[int], None]) -> None:
+    """Give `monitor` a recording to its end, and `sinks` what is told; `after` each chunk is told the bytes so far."""
+    done = 0
+    for chunk in chunks:
+        sinks.events(monitor.take([chunk]))
+        done += len(chunk.data)
+        after(done)
+    sinks.events(monitor.finish())
 
 
 def closing_entry(monitor: Monitor, path: Path) -> File:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gcs_bridge.judging.monitor import open_dialect
-from gcs_bridge.mavlink.decode import gather
 from gcs_bridge.mavlink.dialect import Dialect
-from gcs_bridge.mavlink.scan import scan_kernel
 from gcs_bridge.mavlink.scanner import Salvage, Scanner
-from gcs_bridge.recordings.source import announce_compiling, opened, pieces_of, start_us_of
+from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.settings import VehicleSettings
 from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
@@ -60,13 +59,12 @@ def read(path: str | Path, *, dialect: str = "all") -> Recording:
     """
     path = Path(path)
     tables = open_dialect(dialect)
-    with opened(path) as file:
-        announce_compiling(scan_kernel, gather)
-        scanner = Scanner(tables, timed=start_us_of(file, tables, path) is not None)
+    with open_recording(path, dialect, judged=False) as recording:
+        scanner = Scanner(tables, timed=recording.timed)
         gathered: dict[int, _Gathered] = {}
         n_frames = 0
-        for piece, last in pieces_of(file):
-            frames = scanner.scan(piece, t_rx_us=-1, final=last)
+        for chunk in chain(recording, (None,)):
+            frames = scanner.scan(b"" if chunk is None else chunk.data, final=chunk is None)
             frame_indices = np.arange(n_frames, n_frames + len(frames))
             n_frames += len(frames)
             component = frames["sysid"].astype(np.int64) * 256 + frames["compid"]

@@ -7,36 +7,30 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
+from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import SourceError, UsageError
-from gcs_bridge.events import Event
 from gcs_bridge.jit import needs_compiling
-from gcs_bridge.judging.monitor import Monitor, open_dialect
-from gcs_bridge.mavlink.decode import gather
+from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.mavlink.dialect import Dialect
-from gcs_bridge.mavlink.scan import scan_kernel
 from gcs_bridge.mavlink.scanner import Scanner
-from gcs_bridge.pairing.kernel import match_kernel
 
-_PIECE = 3 * 2**19  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
+_CHUNK = 3 * 2**19  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
 _PROBE = 2**18  # bytes by which a recording is told from a stream without times
-# Other flight logs by their first bytes, each with the tool that reads it.
-_FOREIGN = (
-    (
-        b"\xa3\x95",
-        "an on-board log (ArduPilot .bin, PX4 .px4log), not telemetry: use MAVExplorer or pymavlink",
-    ),
-    (b"ULog\x01\x12\x35", "a PX4 .ulg on-board log, not telemetry: open it with pyulog or Flight Review"),
-    (b"\x89MCAP0\r\n", "an MCAP file, not telemetry: open it with Foxglove"),
-    (b"RRF", "a rerun recording, not telemetry: open it with `rerun`"),
-    (b"\x1f\x8b", "compressed: unpack it with gunzip first"),
-    (b"PK\x03\x04", "a zip archive: unpack it first"),
-)
+# Other files that people may take for telemetry, by their first bytes, each with the tool that reads it.
+FOREIGN = {
+    b"\xa3\x95": "an on-board log (ArduPilot .bin, PX4 .px4log), not telemetry: use MAVExplorer or pymavlink",
+    b"ULog\x01\x12\x35": "a PX4 .ulg on-board log, not telemetry: open it with pyulog or Flight Review",
+    b"\x89MCAP0\r\n": "an MCAP file, not telemetry: open it with Foxglove",
+    b"RRF": "a rerun recording, not telemetry: open it with `rerun`",
+    b"\x1f\x8b": "compressed: unpack it with gunzip first",
+    b"PK\x03\x04": "a zip archive: unpack it first",
+}
 
 
 class Source:
-    """A recording that is being read: its bytes in pieces, to be fed to a monitor as what they are."""
+    """A recording that is being read: an iterable of its bytes in chunks, all of them each time."""
 
     def __init__(self, file: BinaryIO, path: Path, start_us: int | None) -> None:
         """Read from `file`; `start_us`: its first record's time, µs since 1970, None for a stream without times."""
@@ -51,28 +45,28 @@ class Source:
         if not self.timed:
             raise UsageError(f"{self._path}: has no record times, so {so_that}")
 
-    def pieces(self, length: Callable[[], int] = lambda: _PIECE) -> Iterator[bytes]:
-        """All its bytes from the first, each piece as long as `length` says when it is read."""
-        self._file.seek(0)
-        while piece := self._file.read(length()):
-            yield piece
+    def __iter__(self) -> Iterator[Chunk]:
+        return self.chunks()
 
-    def feed(self, monitor: Monitor, piece: bytes) -> list[Event]:
-        """Give a piece to `monitor`; the events that it brought about."""
-        return monitor.feed_recording(piece) if self.timed else monitor.feed(piece, -1)
+    def chunks(self, length: Callable[[], int] = lambda: _CHUNK) -> Iterator[Chunk]:
+        """All its bytes from the first, each chunk as long as `length` says when it is read."""
+        framing = Framing.RECORDS if self.timed else Framing.STREAM
+        self._file.seek(0)
+        while data := self._file.read(length()):
+            yield Chunk(data, -1, framing)
 
 
 @contextmanager
-def open_recording(path: Path, dialect: str = "all", *, judged: bool = True) -> Iterator[Source]:
-    """The recording, open; SourceError where it cannot be used, also later while it is read."""
+def open_telemetry(path: Path, dialect: str, *, judged: bool) -> Iterator[Source]:
+    """The recording of a link, open; SourceError where it cannot be used, also later while it is read."""
     with opened(path) as file:
-        announce_compiling(scan_kernel, *([gather, match_kernel] if judged else []))
+        announce_compiling("gcs_bridge" if judged else "gcs_bridge.mavlink")
         yield Source(file, path, start_us_of(file, open_dialect(dialect), path))
 
 
-def announce_compiling(*kernels: Any) -> None:
-    """Say before the wait that the kernels are compiled now: it happens once on a machine, and takes seconds."""
-    if needs_compiling(*kernels):
+def announce_compiling(package: str) -> None:
+    """Say before the wait that a package's kernels are compiled: it happens once on a machine, and takes seconds."""
+    if needs_compiling(package):
         sys.stderr.write("gcs-bridge: compiling its kernels, once on this machine (some seconds)\n")
         sys.stderr.flush()
 
@@ -97,16 +91,6 @@ def opened(path: Path) -> Iterator[BinaryIO]:
         raise SourceError(f"{path}: cannot be read: {what}{_ADVICE.get(type(error), '')}") from None
 
 
-def pieces_of(file: BinaryIO) -> Iterator[tuple[bytes, bool]]:
-    """The file's bytes, and with each piece whether it is the last."""
-    file.seek(0)
-    piece = file.read(_PIECE)
-    while piece:
-        following = file.read(_PIECE)
-        yield piece, not following
-        piece = following
-
-
 def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
     """The first record's time of a .tlog, None for a stream without times.
 
@@ -116,7 +100,7 @@ def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
     """
     file.seek(0)
     while probe := file.read(_PROBE):
-        for magic, what in _FOREIGN:
+        for magic, what in FOREIGN.items():
             if file.tell() == len(probe) and probe.startswith(magic):
                 raise SourceError(f"{path}: {what}")
         timed = Scanner(dialect, timed=True).scan(probe, final=True)

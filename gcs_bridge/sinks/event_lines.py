@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import msgspec
 
 from gcs_bridge.contract import readable
@@ -20,15 +22,50 @@ from gcs_bridge.events import (
     StreamEvent,
     StreamStale,
 )
+from gcs_bridge.files import write_stdout
 from gcs_bridge.report.wording import difference
+from gcs_bridge.sinks.base import Plan, Sink
+from gcs_bridge.sinks.file import FileSink
 
-__all__ = ["event_json", "event_line", "event_words", "is_alarm", "is_detail"]
+__all__ = ["EventLines", "event_json", "event_line", "event_words", "is_alarm", "is_detail", "link_name"]
+_STDOUT = "-"
 _SAID = {
     "vehicle_seen": "vehicle seen",
     "vehicle_lost": "vehicle LOST: nothing comes from it any more",
     "reboot": "rebooted",
     "estimator_reset": "the estimator was reset",
 }
+
+
+class EventLines(FileSink):
+    """Writes events as JSON lines, all of a batch at once; each with the name of its link."""
+
+    @classmethod
+    def plan(cls, path: str) -> Plan:
+        """A sink that appends to the file at `path`, or writes to standard output where that is `-`."""
+        if path == _STDOUT:
+            return Plan(lambda context: _StdoutLines(context.links), takes_stdout=True)
+        return super().plan(path)
+
+    def events(self, events: Sequence[Event]) -> None:
+        """Write them."""
+        self._file.append(b"".join(event_json(event, link_name(event, self._links)) for event in events))
+
+
+class _StdoutLines(Sink):
+    """The same on standard output."""
+
+    def __init__(self, links: Sequence[str]) -> None:
+        self._links = links
+
+    def events(self, events: Sequence[Event]) -> None:
+        for event in events:
+            write_stdout(event_json(event, link_name(event, self._links)).decode())
+
+
+def link_name(event: Event, links: Sequence[str]) -> str:
+    """The name of the link that an event is about, of a run that listens to these; in the order of their numbers."""
+    return event.link if isinstance(event.link, str) else links[event.link or 0]
 
 
 def event_json(event: Event, link: str | None = None) -> bytes:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 
 from gcs_bridge.errors import UsageError
 from gcs_bridge.files import refuse_unwritable
+from gcs_bridge.sinks.base import Plan, Sink
 
-__all__ = ["LiveFile"]
+__all__ = ["FileSink", "LiveFile"]
 
 
 class LiveFile:
@@ -37,7 +38,13 @@ class LiveFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        os.close(self._descriptor)
+        self.close()
+
+    def close(self) -> None:
+        """Give the file back; a second call does nothing."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
 
     def append(self, data: bytes) -> None:
         """Hand the bytes to the system: from here on they outlive this process."""
@@ -48,3 +55,27 @@ class LiveFile:
             except OSError as error:
                 self.failed = True
                 self._complain(f"cannot write {self._path} any longer: {error.strerror}; going on without it")
+
+
+class FileSink(Sink):
+    """A sink that appends to a file."""
+
+    def __init__(self, file: LiveFile, links: Sequence[str] = ()) -> None:
+        """Append to `file`, and close it in the end; `links`: the names of the links, by their numbers."""
+        self._file = file
+        self._links = links
+
+    @classmethod
+    def plan(cls, path: str) -> Plan:
+        """A sink that appends to the file at `path`; UsageError where it could not."""
+        refuse_unwritable(Path(path), sources=[])
+        return Plan(lambda context: cls(LiveFile(Path(path), context.complain), context.links), writes=Path(path))
+
+    @property
+    def failed(self) -> bool:
+        """Whether the file could not be written to any longer."""
+        return self._file.failed
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()

@@ -24,8 +24,7 @@ def save_moment(moment: AlarmWindow, name: str, path: Path) -> None:
     sink = RerunSink(recording, live=False, gather=GATHER)
     for observation in moment.observations:
         sink.observe(observation)
-    for event in moment.events:
-        sink.event(event)
+    sink.events(moment.events)
     sink.finish_moment(moment.t_boot_us)
     recording.flush(timeout_sec=FLUSH_S)
     recording.disconnect()

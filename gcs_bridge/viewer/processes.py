@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from gcs_bridge.errors import UsageError
-from gcs_bridge.viewer.open import Say
+from gcs_bridge.viewer.base import Say
 from gcs_bridge.viewer.scene import UTC
 
 __all__ = ["Page", "Window", "free_port"]

@@ -14,7 +14,7 @@ from types import TracebackType
 import rerun as rr
 
 from gcs_bridge.errors import GcsBridgeError, UsageError
-from gcs_bridge.viewer.open import SUFFIX, Viewer, ViewerSink
+from gcs_bridge.viewer.base import SUFFIX, Viewer, ViewerSink
 from gcs_bridge.viewer.sink import RerunSink, new_recording
 
 __all__ = ["FLUSH_S", "GATHER", "SavedViewer"]
@@ -36,7 +36,7 @@ class SavedViewer(Viewer):
         self._open: list[tuple[RerunSink, rr.RecordingStream, Path]] = []
 
     def recording(self, name: str) -> ViewerSink:
-        """Where one link session, or one file, is drawn."""
+        """Where one link session, or one file, is drawn; `links`: the names by which events call the links."""
         number = len(self._open) + 1
         part = self._path.with_suffix(f".partial{'' if number == 1 else number}{SUFFIX}")
         recording = new_recording(name, live=self._live)

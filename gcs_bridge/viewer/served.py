@@ -15,7 +15,7 @@ from urllib.parse import quote
 import rerun as rr
 
 from gcs_bridge.viewer import processes
-from gcs_bridge.viewer.open import Say, Viewer, ViewerSink
+from gcs_bridge.viewer.base import Viewer, ViewerOptions, ViewerSink
 from gcs_bridge.viewer.sink import RerunSink, new_recording
 
 __all__ = ["ServedViewer"]
@@ -32,24 +32,16 @@ class ServedViewer(Viewer):
 
     stays = True
 
-    def __init__(
-        self,
-        kind: Literal["native", "web"],
-        *,
-        say: Say,
-        why: str = "",
-        live: bool,
-        server_memory_limit: str | None = None,
-    ) -> None:
+    def __init__(self, kind: Literal["native", "web"], options: ViewerOptions, *, why: str = "") -> None:
         """Find free ports. The server starts with the first recording, and with it the window or the page's server.
 
         `why` goes before the page's address.
         """
         self.kind = kind
-        self._say = say
+        self._say = options.say
         self._why = why
-        self._live = live
-        self._memory_limit = server_memory_limit or _HISTORY[live]
+        self._live = options.live
+        self._memory_limit = options.server_memory_limit or _HISTORY[options.live]
         self._port = processes.free_port(_DATA_PORT)
         self._web_port = processes.free_port(_WEB_PORT) if kind == "web" else None
         self._recordings: list[rr.RecordingStream] = []
@@ -67,7 +59,7 @@ class ServedViewer(Viewer):
         return f"http://{_HOST}:{self._web_port}/?url={quote(self.url, safe='')}&hide_welcome_screen"
 
     def recording(self, name: str) -> ViewerSink:
-        """Where one link session, or one file, is drawn."""
+        """Where one link session, or one file, is drawn; `links`: the names by which events call the links."""
         recording = new_recording(name, live=self._live)
         first = not self._recordings
         self._recordings.append(recording)

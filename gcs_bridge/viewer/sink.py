@@ -6,7 +6,7 @@ Attitudes are drawn as sent, never normalised.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -29,10 +29,10 @@ from gcs_bridge.sinks.event_lines import event_line
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer import scene
+from gcs_bridge.viewer.base import ViewerSink
 from gcs_bridge.viewer.disagreement import Apart, Shown
 from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.motion_lines import MotionLines
-from gcs_bridge.viewer.open import ViewerSink
 from gcs_bridge.viewer.processes import Window
 from gcs_bridge.viewer.rows import PLOT_HOLD_US, Instant, Rows, Times, instant_of, pair_times
 from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, boot_timeline, path_of
@@ -109,6 +109,11 @@ class RerunSink(ViewerSink):
         self._alarm: Instant | None = None
         self._draw(scene.world_parts())
 
+    @property
+    def watched(self) -> bool:
+        """Somebody looks at what is drawn."""
+        return True
+
     def observe(self, observation: Observation) -> None:
         """Draw samples and their comparison."""
         segment, key = observation.segment, observation.vehicle
@@ -127,8 +132,12 @@ class RerunSink(ViewerSink):
                     self._show([more])
             self._draw_motion(key, self._vehicles[key], observation)
 
-    def event(self, event: Event) -> None:
-        """Write an event into the log, and what it means for the comparison into its lane."""
+    def events(self, events: Sequence[Event]) -> None:
+        """Write events into the log, and what they mean for the comparison into its lane."""
+        for event in events:
+            self._draw_event(event)
+
+    def _draw_event(self, event: Event) -> None:
         if self._holds:
             self.flush()  # the plots lead up to it, and none waits for more when a stream falls silent
         moment = instant_of(event)

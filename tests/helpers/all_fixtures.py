@@ -36,7 +36,7 @@ def over_udp(frames: Sequence[RawFrame], speed: float, recorder: TlogRecorder) -
     seen: list[int] = []
 
     def record(link: int | str, came: list[RawFrame]) -> None:
-        recorder.record(link, came)
+        recorder.frames(link, came)
         seen.append(len(came))
 
     uri = NetworkUri("udpin", "127.0.0.1", free_port())
@@ -49,7 +49,7 @@ def over_udp(frames: Sequence[RawFrame], speed: float, recorder: TlogRecorder) -
 def over_tcp(frames: Sequence[RawFrame], speed: float, recorder: TlogRecorder) -> Live:
     with tcp_sender(frames, speed) as (port, _):
         link = open_link(NetworkUri("tcp", "127.0.0.1", port))
-        with Live(link, on_frames=recorder.record) as live:
+        with Live(link, on_frames=recorder.frames) as live:
             live.join(600)
     return live
 

@@ -17,13 +17,13 @@ from gcs_bridge import events
 from gcs_bridge.contract import plain
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.links.link import Link
-from gcs_bridge.links.loop import link_name, listen
+from gcs_bridge.links.loop import listen
 from gcs_bridge.mavlink.dialect import load_dialect
 from gcs_bridge.mavlink.scanner import RawFrame, Scanner
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from gcs_bridge.report.schema import File
-from gcs_bridge.sinks.event_lines import event_json
+from gcs_bridge.sinks.event_lines import event_json, link_name
 from tests.helpers.paths import FIXTURES
 
 Event = dict[str, Any]
@@ -145,8 +145,9 @@ class Live:
     def _run(self) -> None:
         listen(self._links, self.monitor, self._tell, stop=self._stop.is_set, watched=self._watched)
 
-    def _tell(self, event: events.Event) -> None:
-        self.events.append(json.loads(event_json(event, link_name(event, self._links))))
+    def _tell(self, told: Sequence[events.Event]) -> None:
+        names = [link.name for link in self._links]
+        self.events += [json.loads(event_json(event, link_name(event, names))) for event in told]
 
     def __enter__(self) -> "Live":
         self._thread.start()

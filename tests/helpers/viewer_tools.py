@@ -73,16 +73,15 @@ class Drawn:
 
 def drawn(data: bytes, path: Path, *, pieces: int = 1) -> tuple[Drawn, list[dict[str, Any]]]:
     """What is drawn of a recording fed in so many pieces, and its events."""
-    events = []
+    events: list[dict[str, Any]] = []
     with open_viewer(f"save:{path}", say=pytest.fail) as viewer:
         sink = viewer.recording("by hand")
         monitor = Monitor(observer=sink.observe)
         for cut in np.array_split(np.frombuffer(data, np.uint8), pieces):
-            for event in monitor.feed_recording(cut.tobytes()):
-                sink.event(event)
-                events.append(plain(event))
-        for event in monitor.finish():
-            sink.event(event)
+            told = monitor.feed_recording(cut.tobytes())
+            sink.events(told)
+            events += map(plain, told)
+        sink.events(monitor.finish())
         sink.finish()
     return Drawn(path), events
 

@@ -14,17 +14,18 @@ from pathlib import Path
 
 import pytest
 
+from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import SourceError
-from gcs_bridge.links.link import Link, LinkDownError, Piece
+from gcs_bridge.links.link import Link, LinkDownError
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.udp_owner import udp_port_owner
 from gcs_bridge.links.uri import NetworkUri, SerialUri
 from tests.helpers.live_links import Live, fixture, free_port, tcp_sender, wait_until
 
 
-def fetched(link: Link, size: int) -> list[Piece]:
-    """Pieces until `size` bytes have come."""
-    pieces: list[Piece] = []
+def fetched(link: Link, size: int) -> list[Chunk]:
+    """Chunks until `size` bytes have come."""
+    pieces: list[Chunk] = []
 
     def enough() -> bool:
         pieces.extend(link.drain())
@@ -64,7 +65,7 @@ def terminals() -> Iterator[tuple[int, str]]:
 def test_datagrams_keep_their_borders_and_times() -> None:
     """Each comes alone, with the time at which it arrived, however late it is fetched."""
     with udp() as (link, sender):
-        assert link.datagrams
+        assert link.framing is Framing.DATAGRAM
         time.sleep(0.1)  # Linux begins to stamp a moment after it was asked to
         assert link.drain() == []
         sent_us = []
@@ -115,7 +116,7 @@ def test_a_stream_ends_behind_its_last_byte() -> None:
     frames = fixture("e_two_vehicles", to_s=3)
     with tcp_sender(frames, 1e9) as (port, _):
         link = open_link(NetworkUri("tcp", "127.0.0.1", port))
-        assert not link.datagrams
+        assert link.framing is Framing.STREAM
         size = sum(len(frame.data) for frame in frames)
         assert b"".join(piece.data for piece in fetched(link, size)) == b"".join(frame.data for frame in frames)
         with pytest.raises(LinkDownError, match="the other side has closed"):

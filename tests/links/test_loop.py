@@ -61,7 +61,7 @@ class Recording:
         self._file.__exit__(None, None, None)
 
     def record(self, link: int | str, frames: Sequence[RawFrame]) -> None:
-        self._recorder.record(link, frames)
+        self._recorder.frames(link, frames)
         self.frames += len(frames)
 
     def read(self) -> bytes:

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from gcs_bridge.errors import UsageError
-from gcs_bridge.links.uri import NetworkUri, SerialUri, Uri, parse_uri
+from gcs_bridge.links.open import OPENERS
+from gcs_bridge.links.uri import SCHEMES, NetworkUri, SerialUri, Uri, parse_uri
 
 
 @pytest.mark.parametrize(
@@ -65,3 +66,8 @@ def test_a_recording_is_no_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     for name in ("flight.tlog", "./flight.tlog", str(tmp_path / "flight.tlog")):
         with pytest.raises(UsageError, match="gcs-bridge check"):
             parse_uri(name)
+
+
+def test_each_kind_of_link_can_be_opened() -> None:
+    """What a URI may begin with has its opener, and nothing else has."""
+    assert set(OPENERS) == {*SCHEMES, SerialUri.kind}

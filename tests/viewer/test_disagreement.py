@@ -221,11 +221,10 @@ def test_of_a_shelved_alarm_nothing_is_undone(tmp_path: Path) -> None:
         shelved_us = None
         for now_us, frame in wire.records(flown("yaw_offset:25", seconds=12.0)):
             for event in monitor.feed(frame, now_us):
-                sink.event(event)
+                sink.events([event])
                 if isinstance(event, DiagnosisMade) and shelved_us is None:
                     shelved_us = now_us
-                    for said in monitor.shelve(event.id, now_us, 3600.0):
-                        sink.event(said)
+                    sink.events(monitor.shelve(event.id, now_us, 3600.0))
         sink.finish()
     recording = Drawn(path)
     assert shelved_us is not None

@@ -16,6 +16,8 @@ from gcs_bridge.cli import main
 from gcs_bridge.cli.replay import _Pace
 from gcs_bridge.errors import UsageError
 from gcs_bridge.viewer import ViewerSpec
+from gcs_bridge.viewer.base import WRITTEN
+from gcs_bridge.viewer.open import OPENERS
 from gcs_bridge.viewer.processes import free_port
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
@@ -53,7 +55,7 @@ def started() -> Iterator[Start]:
 @pytest.mark.parametrize("text", ["auto", "native", "web", "none"])
 def test_each_kind_of_viewer_has_a_name(text: str) -> None:
     """What the contract lists is understood."""
-    assert ViewerSpec.parse(text) == ViewerSpec(text)  # type: ignore[arg-type]  # a str, one of the literals
+    assert ViewerSpec.parse(text) == ViewerSpec(text)
 
 
 def test_a_file_to_be_written_follows_save() -> None:
@@ -66,6 +68,11 @@ def test_other_viewers_are_refused(text: str) -> None:
     """In one line that names what was given."""
     with pytest.raises(UsageError, match="--viewer"):
         ViewerSpec.parse(text)
+
+
+def test_each_kind_of_viewer_has_its_opener() -> None:
+    """What can be asked for can be opened, and nothing else."""
+    assert list(OPENERS) == list(WRITTEN)
 
 
 def test_none_shows_nothing_and_needs_no_rerun() -> None:
@@ -206,7 +213,7 @@ def test_a_paced_replay_keeps_the_recording_s_time() -> None:
     for span_s in (0.01, 0.02, 0.03):
         clock.span_s = span_s
         pace.keep()
-    assert pace.piece_bytes() == 512
+    assert pace.chunk_bytes() == 512
     while clock.span_s < 10:
         clock.span_s += 0.1
         pace.keep()

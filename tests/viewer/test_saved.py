@@ -207,7 +207,7 @@ def test_live_attitudes_come_at_once_and_plots_soon(tmp_path: Path) -> None:
     assert len(seen[0]) > 300
     assert 0 < len(seen[0]) - len(seen[1]) <= 10
     assert seen[0][-1] - seen[1][-1] <= 200_000
-    sink.event(told[-1])
+    sink.events(told[-1:])
     recording.flush()
     np.testing.assert_array_equal(
         Drawn(path).rows("/vehicle/1.1/roll/quaternion", names["roll/quaternion"])[0], seen[0]
@@ -251,7 +251,7 @@ def test_the_state_is_the_worst_that_is_raised(tmp_path: Path) -> None:
             record = AlarmRecord.new(
                 alarm_id=alarm, check="gravity", severity=severity, boot=0, what="", is_not="", unit="deg"
             )
-            sink.event(kind(**where, **record.told()))
+            sink.events([kind(**where, **record.told())])
         sink.finish()
     _, states = Drawn(path).rows("/vehicle/1.1/state", "StateChange:state")
     assert states == [[state] for *_, state in story]

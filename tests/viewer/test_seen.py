@@ -48,8 +48,7 @@ def port() -> int:
 
 def feed(monitor: Monitor, sink: ViewerSink, records: list[tuple[int, bytes]]) -> None:
     for t_us, frame in records:
-        for event in monitor.feed(frame, t_us):
-            sink.event(event)
+        sink.events(monitor.feed(frame, t_us))
 
 
 @can_draw
@@ -169,8 +168,7 @@ class CheckBatch:
     def fly(self, seconds: int) -> None:
         for batch in islice(self._batches, seconds * 10):
             started = time.monotonic()
-            for event in self._monitor.feed(b"".join(frame for _, frame in batch), batch[-1][0]):
-                self._sink.event(event)
+            self._sink.events(self._monitor.feed(b"".join(frame for _, frame in batch), batch[-1][0]))
             self.slowest_s = max(self.slowest_s, time.monotonic() - started)
             time.sleep(0.002)
 
@@ -226,10 +224,9 @@ def test_a_window_opens_at_the_alarm_and_its_end_is_told(tmp_path: Path, monkeyp
             assert isinstance(viewer, ServedViewer)
             sink = viewer.recording("window")
             monitor = Monitor(observer=sink.observe)
-            raised = []
-            for event in monitor.feed_recording(flown):
-                sink.event(event)
-                raised += [event.boot_s] if isinstance(event, AlarmRaised) else []
+            told = monitor.feed_recording(flown)
+            sink.events(told)
+            raised = [event.boot_s for event in told if isinstance(event, AlarmRaised)]
             assert sink.finish("alarm")
             assert raised[0] is not None
             at_ns = round(raised[0] * 1e9)
