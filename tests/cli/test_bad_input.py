@@ -35,10 +35,11 @@ class Ended(NamedTuple):
 
 def check(*arguments: Any, folder: Path | None = None) -> Ended:
     """Run the command in this process: what the installed one does beside is another's matter."""
-    out, err = io.StringIO(), io.StringIO()
+    said, err = io.BytesIO(), io.StringIO()
+    out = io.TextIOWrapper(said, encoding="utf-8", write_through=True)
     with contextlib.chdir(folder or "."), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = main(["check", *map(str, arguments)])
-    return Ended(code, out.getvalue(), err.getvalue().splitlines())
+    return Ended(code, said.getvalue().decode(), err.getvalue().splitlines())
 
 
 def check_installed(*arguments: Any, folder: Path | None = None, prefix: Iterable[str] = ()) -> Ended:
