@@ -3,6 +3,7 @@
 import json
 import random
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -68,6 +69,7 @@ def test_cut_anywhere(name: str) -> None:
     assert story(data, any_size(name)) == whole
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TELLING)
 def test_cut_into_single_bytes(name: str) -> None:
     """A recording's telling part, byte by byte, gives the events and the report of the whole part."""
@@ -85,10 +87,13 @@ def test_cut_into_single_bytes(name: str) -> None:
 
 
 # What happens to a link, as made-up flights: (record time, frame).
+at_ten_hz = partial(wire.flight, euler_hz=10.0, quaternion_hz=10.0)
+
+
 def _reordered() -> list[tuple[int, bytes]]:
-    flown = wire.flight(wire.Motion(8), 6)
+    flown = at_ten_hz(wire.Motion(8), 6)
     chance = random.Random(0)
-    for at in chance.sample(range(0, len(flown) - 8, 8), 20):
+    for at in chance.sample(range(0, len(flown) - 8, 4), 20):
         frames = [frame for _, frame in flown[at : at + 8]]
         chance.shuffle(frames)
         flown[at : at + 8] = [(t_us, frame) for (t_us, _), frame in zip(flown[at : at + 8], frames, strict=True)]
@@ -96,9 +101,7 @@ def _reordered() -> list[tuple[int, bytes]]:
 
 
 def _two_fall_silent() -> list[tuple[int, bytes]]:
-    flown = [
-        r for sysid, compid in ((1, 1), (2, 0)) for r in wire.flight(wire.Motion(6), 4, sysid=sysid, compid=compid)
-    ]
+    flown = [r for sysid, compid in ((1, 1), (2, 0)) for r in at_ten_hz(wire.Motion(6), 4, sysid=sysid, compid=compid)]
     beats = [
         (wire.START_US + s * 1_000_000, wire.heartbeat(autopilot=8, vehicle=6, sysid=255, compid=190, seq=s))
         for s in range(12)
@@ -107,32 +110,33 @@ def _two_fall_silent() -> list[tuple[int, bytes]]:
 
 
 def _clock_steps() -> list[tuple[int, bytes]]:
-    return wire.flight(wire.Motion(6), 4) + wire.flight(
+    return at_ten_hz(wire.Motion(6), 4) + at_ten_hz(
         wire.Motion(6, seed=1), 4, boot_ms=114_000, start_us=wire.START_US + 4_000_000
     )
 
 
 def _restart_after_a_silence() -> list[tuple[int, bytes]]:
-    return wire.flight(wire.Motion(6), 4) + wire.flight(
+    return at_ten_hz(wire.Motion(6), 4) + at_ten_hz(
         wire.Motion(6, seed=1), 4, boot_ms=500, start_us=wire.START_US + 15_000_000
     )
 
 
 def _heartbeat_behind_the_attitudes() -> list[tuple[int, bytes]]:
-    flown = [r for r in wire.flight(wire.Motion(8), 4) if r[1][7] != 0]  # byte 7 of a v2 frame: the message id
+    flown = [r for r in at_ten_hz(wire.Motion(8), 4) if r[1][7] != 0]  # byte 7 of a v2 frame: the message id
     return [*flown[:50], (flown[49][0], wire.heartbeat(seq=250)), *flown[50:]]
 
 
 def _companion_behind_its_attitudes() -> list[tuple[int, bytes]]:
-    flown = [r for r in wire.flight(wire.Motion(8), 4, compid=191) if r[1][7] != 0]
+    flown = [r for r in at_ten_hz(wire.Motion(8), 4, compid=191) if r[1][7] != 0]
     beat = wire.heartbeat(autopilot=wire.NO_AUTOPILOT, vehicle=18, compid=191, seq=250)  # MAV_TYPE_ONBOARD_CONTROLLER
     return [*flown[:50], (flown[49][0], beat), *flown[50:]]
 
 
 def _wrapped_clock() -> list[tuple[int, bytes]]:
-    return wire.flight(wire.Motion(8), 6, boot_ms=2**32 - 3000)
+    return at_ten_hz(wire.Motion(8), 6, boot_ms=2**32 - 3000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "happening",
     [_reordered, _two_fall_silent, _clock_steps, _restart_after_a_silence, _heartbeat_behind_the_attitudes,
@@ -155,6 +159,7 @@ MISTAKES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["loss:0.2", "reorder:0.3", "duplicate:0.2", "corrupt:0.003", *MISTAKES])
 def test_cut_anywhere_with_a_fault(fault: str) -> None:
     """A recording with a fault of the link or the sender is told the same way however it is cut."""
@@ -168,6 +173,7 @@ def test_cut_anywhere_with_a_fault(fault: str) -> None:
     assert bool(raised) == (fault in MISTAKES)
 
 
+@pytest.mark.slow
 def test_cut_anywhere_without_times() -> None:
     """A stream without times is judged the same in any pieces, and as the recording was."""
     faulty = inject(recording("d_plane_pitchtrim3"), [parse_fault("yaw_offset:25")], from_s=12.0)
@@ -187,6 +193,7 @@ def test_cut_anywhere_without_times() -> None:
     assert alarm == timed_alarm | {"raised_utc": None}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "begin", "end", "datagrams"),
     [("d_plane_pitchtrim3", 0, 800, True), ("e_two_vehicles", 0, 800, True), ("f_reboot", 1200, 1800, True),
@@ -206,6 +213,7 @@ def test_live_as_recorded(name: str, begin: int, end: int, datagrams: bool) -> N
     assert events == json.loads(told)
 
 
+@pytest.mark.slow
 def test_live_with_damage_is_as_recorded() -> None:
     """A link that corrupts bytes raises the same alarm, with the same peak, as the stream's recording."""
     faults = [parse_fault("yaw_offset:25"), parse_fault("loss:0.1")]

@@ -91,6 +91,7 @@ def recorded(tlog: bytes) -> tuple[list[dict[str, Any]], list[tuple[Any, ...]]]:
     return judgement(monitor.close().files[0]), told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_live_is_recorded_over_udp(name: str, recording: Recording) -> None:
     """The alarms of `check`, at the same boot times; and the file that was recorded gives them again."""
@@ -162,6 +163,7 @@ def test_every_frame_is_recorded_byte_for_byte(recording: Recording) -> None:
     assert sorted(times_us) == times_us
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "from_s", "to_s"), [("e_two_vehicles", 0, 7), ("f_reboot", 8, 16)])
 def test_datagrams_at_once_are_datagrams_one_by_one(name: str, from_s: float, to_s: float) -> None:
     """Bit for bit: report, events and what is recorded."""
@@ -187,6 +189,7 @@ def test_datagrams_at_once_are_datagrams_one_by_one(name: str, from_s: float, to
     assert {"alarm_raised", "reboot"} & {event["event"] for event in told[0][1]}
 
 
+@pytest.mark.slow
 def test_broken_datagrams_do_not_reach_into_each_other() -> None:
     """What is missing of one is not looked for in the next, in a batch as alone."""
     frames = fixture("a_copter_square", from_s=75, to_s=83, fault="yaw_offset:25")
@@ -209,6 +212,7 @@ def seconds_of(event: Event) -> float:
     return datetime.fromisoformat(event["utc"]).timestamp()
 
 
+@pytest.mark.slow
 def test_silence_is_noticed_while_nothing_comes() -> None:
     """Stale after 2 s, lost after 5 s, back with its next frame; each event carries the time of its deadline."""
     frames = fixture("a_copter_square", from_s=75, to_s=78)
@@ -231,6 +235,7 @@ def test_silence_is_noticed_while_nothing_comes() -> None:
     assert noticed_s - silent_s < 5.6
 
 
+@pytest.mark.slow
 def test_a_lost_vehicle_is_told_once_whatever_the_cut() -> None:
     """Lost and back among another's frames: the same events whole, in pieces and frame by frame."""
     start_us = 1_700_000_000_000_000
@@ -258,6 +263,7 @@ def test_a_lost_vehicle_is_told_once_whatever_the_cut() -> None:
     assert sum(event["vehicle"] == [2, 1] for event in presence) == 1
 
 
+@pytest.mark.slow
 def test_a_quiet_link_beside_a_busy_one() -> None:
     """Two links at once, one vehicle each: silence on one is noticed while the other one talks."""
     (quiet, quiet_uri), (busy, busy_uri) = udp_link(), udp_link()
@@ -287,6 +293,7 @@ def test_nothing_comes() -> None:
     assert live.monitor.close().verdict == "no_compare"
 
 
+@pytest.mark.slow
 def test_one_link_breaks_the_other_goes_on() -> None:
     """The end of a link is an event with its reason, and the end of that link alone; its vehicle is lost in time."""
     frames = fixture("a_copter_square", from_s=75, to_s=76)

@@ -2,12 +2,15 @@
 
 from concurrent.futures import ThreadPoolExecutor
 
+import pytest
+
 from tests.helpers.all_fixtures import differences, over_tcp, over_udp
 from tests.helpers.live_links import fixture, recorded_judgement, tlog_of
 
 SECONDS = 20
 
 
+@pytest.mark.slow
 def test_twenty_seconds_of_three_flights() -> None:
     """A copter with a fault, two vehicles, a reboot, over UDP and TCP: judged as recorded, and so is what was recorded.
 
