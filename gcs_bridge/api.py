@@ -11,6 +11,7 @@ from gcs_bridge.events import Event
 from gcs_bridge.judging import monitor
 from gcs_bridge.judging.link import Datagram, FrameObserver
 from gcs_bridge.judging.observation import Observer
+from gcs_bridge.judging.snapshot import Snapshot
 from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings
 
@@ -103,6 +104,10 @@ class Monitor:
     def unshelve(self, alarm_id: str, t_rx_us: int) -> list[PlainEvent]:
         """Tell of an alarm again before its time; UsageError for one that is not shelved."""
         return _plain(self._monitor.unshelve(alarm_id, t_rx_us))
+
+    def snapshot(self) -> Snapshot:
+        """What is known now of every link and vehicle; nothing is closed or changed by it."""
+        return self._monitor.snapshot()
 
     def finish(self) -> list[PlainEvent]:
         """Nothing follows: decide what is still undecided, and tell what comes of it."""

@@ -7,7 +7,7 @@ check, raises that come thick are grouped) is decided here, in the order of the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, Literal, NamedTuple
@@ -105,6 +105,11 @@ class AlarmManager:
             if slot.record is not None and slot.stands and not slot.is_suppressed:
                 at = _At(frame_index, t_rx_us)
                 yield self._notice(AlarmCleared, slot.record, t_boot_us, at, reason="reboot")
+
+    @property
+    def slots(self) -> Sequence[AlarmSlot]:
+        """Every alarm that there is, severe ones first."""
+        return self._slots
 
     def pending(self, check: str) -> bool:
         """Whether an alarm of this check waits for its delay."""

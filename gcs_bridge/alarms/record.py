@@ -57,7 +57,7 @@ class AlarmRecord(Alarm, kw_only=True):
 
     def show(self, worst: Worst) -> None:
         """Take the peak of the excursion, and what came with it."""
-        scale = math.degrees(1.0) if self.unit.startswith("deg") else 1.0
+        scale = scale_of(self.unit)
         if worst.value * scale < self.peak:
             return
         self.peak = float(worst.value * scale)
@@ -65,6 +65,11 @@ class AlarmRecord(Alarm, kw_only=True):
         self.tilt, self.heading = known(tilt), known(heading)
         self.rotvec_body = None if math.isnan(x) else (x, y, z)
         self.axis = axis_of(worst.detail)
+
+
+def scale_of(unit: str) -> float:
+    """From radians, or whatever else a value is followed in, to the unit in which it is told."""
+    return math.degrees(1.0) if unit.startswith("deg") else 1.0
 
 
 def axis_of(detail: npt.NDArray[np.float64]) -> str | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import ClassVar, Literal, NamedTuple, TypedDict
@@ -11,6 +10,7 @@ import numpy as np
 
 from gcs_bridge import attitude
 from gcs_bridge.alarms.rated import Rated
+from gcs_bridge.alarms.record import scale_of
 from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
@@ -136,7 +136,7 @@ class Check(ABC):
     @property
     def scale(self) -> float:
         """From the values' own unit to the report's."""
-        return math.degrees(1.0) if self.unit.startswith("deg") else 1.0
+        return scale_of(self.unit)
 
     def _alarm_spec(
         self,
@@ -195,9 +195,15 @@ def rated(
     detail: Floats | None = None,
 ) -> Rated:
     """Samples against a limit; without `detail`, a value has no direction."""
-    bad = value > limit
-    low = value <= delays.clear_below * limit
-    return Rated(t_us, frame_index, value, bad, low, np.full((len(value), 5), np.nan) if detail is None else detail)
+    return Rated(
+        frame_index=frame_index,
+        t_boot_us=t_us,
+        value=value,
+        limit=np.broadcast_to(np.asarray(limit, np.float64), value.shape),
+        bad=value > limit,
+        low=value <= delays.clear_below * limit,
+        detail=np.full((len(value), 5), np.nan) if detail is None else detail,
+    )
 
 
 def between_attitudes(bad: Mask, q_a: Floats, q_b: Floats) -> Floats:

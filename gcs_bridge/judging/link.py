@@ -13,6 +13,7 @@ from gcs_bridge.columns import Int64s
 from gcs_bridge.contract import readable
 from gcs_bridge.events import Event, Notice, Rank, VehicleLost, VehicleSeen, head, in_order
 from gcs_bridge.judging.observation import Observation, Observer
+from gcs_bridge.judging.snapshot import LinkNow, VehicleNow
 from gcs_bridge.judging.vehicle import VehicleJudge
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import FRAME, Bytes, Frames
@@ -165,6 +166,20 @@ class Link:
     def alarm_managers(self) -> Iterator[AlarmManager]:
         """Of its vehicles."""
         return (vehicle.judge.alarm_manager for vehicle in self._vehicles.values())
+
+    def now(self, name: int | str) -> tuple[LinkNow, list[VehicleNow]]:
+        """What is known now of the link `name` and of its vehicles."""
+        salvage = self._scanner.salvage
+        link = LinkNow(
+            name=name,
+            is_open=self.is_open,
+            frames=salvage.frames,
+            bytes=salvage.bytes,
+            bad_crc=salvage.bad_crc,
+            skipped_bytes=salvage.skipped_bytes,
+        )
+        vehicles = [vehicle for _, vehicle in sorted(self._vehicles.items()) if vehicle.reader.is_vehicle]
+        return link, [vehicle.judge.now(vehicle.reader, self._latest_rx_us) for vehicle in vehicles]
 
     def finish(self) -> list[Event]:
         """Nothing follows."""

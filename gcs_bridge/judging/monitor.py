@@ -14,6 +14,7 @@ from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event, Notice
 from gcs_bridge.judging.link import Datagram, FrameObserver, Link, events_of
 from gcs_bridge.judging.observation import Observer
+from gcs_bridge.judging.snapshot import Snapshot
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
 from gcs_bridge.mavlink.scanner import Scanner
 from gcs_bridge.report import Report
@@ -126,6 +127,12 @@ class Monitor:
                 if manager.owns(alarm_id):
                     return events_of(what(manager, link.frames))
         raise UsageError(f"unknown alarm {alarm_id!r}")
+
+    def snapshot(self) -> Snapshot:
+        """What is known now of every link and vehicle; nothing is closed or changed by it."""
+        parts = [link.now(name) for name, link in self._links.items()]
+        vehicles = tuple(vehicle for _, several in parts for vehicle in several)
+        return Snapshot(links=tuple(link for link, _ in parts), vehicles=vehicles)
 
     def finish(self) -> list[Event]:
         """Nothing follows: decide what is still undecided, and tell what comes of it."""

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_bridge.alarms.manager import AlarmManager, AlarmTransition
+from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.checks import all_checks
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
@@ -27,6 +28,7 @@ from gcs_bridge.judging.diagnosis_cases import SentBatch
 from gcs_bridge.judging.estimator_resets import Statements
 from gcs_bridge.judging.notices import breaks, clock_notice, reset_notice, stream_changes
 from gcs_bridge.judging.observation import Observation, Observer
+from gcs_bridge.judging.snapshot import NO_SAMPLE, AlarmNow, CheckNow, LastSample, VehicleNow, attitude_now, last_of
 from gcs_bridge.judging.verdicts import Verdicts
 from gcs_bridge.pairing.references import VehicleImu
 from gcs_bridge.report import schema
@@ -35,7 +37,7 @@ from gcs_bridge.telemetry.batches import BootSegment, VehicleBatch, no_segment
 from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
-from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples
+from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
 from gcs_bridge.telemetry.stillness import Stillness
 from gcs_bridge.telemetry.stream_counts import StreamCount
@@ -70,6 +72,8 @@ class VehicleJudge:
         self._fixed_wing, self._ardupilot = StepSignal(), StepSignal()
         self._streams: dict[str, StreamCount] = {}
         self._verdicts = Verdicts(self._checks, self.alarm_manager, self._expected, self._streams, settings)
+        self._latest: list[AttitudeSamples | None] = [None, None]  # what came last of both streams
+        self._rated: dict[AlarmSpec, LastSample] = {}
         self._heard = StepSignal()  # when any frame of the vehicle came, receive time, µs
 
     def take(self, batch: VehicleBatch, frame_indices: Int64s, link: LinkClock) -> Iterator[Notice]:
@@ -117,17 +121,64 @@ class VehicleJudge:
     def entry(self, reader: VehicleReader) -> schema.Vehicle:
         """The vehicle's entry in the report."""
         both_alive_us = self._both_alive_us + (self._boot.liveness.both_alive_us if self._boot else 0)
+        verdicts = self._verdicts.of_checks()
         boots = [*self._boots, *([self._boot.entry()] if self._boot else [])]
         return schema.Vehicle(
             sysid=self.vehicle.sysid,
             compid=self.vehicle.compid,
             autopilot=reader.autopilot,
             type=reader.type,
-            verdict=self._verdicts.of_vehicle(),
+            verdict=self._verdicts.of_vehicle(verdicts),
             boots=tuple(boots),
             streams={name: self._streams[name].entry() for name in sorted(self._streams)},
-            checks=tuple(self._verdicts.entry(check, reader.autopilot, both_alive_us) for check in self._checks),
+            checks=tuple(
+                self._verdicts.entry(check, verdicts[check.name], reader.autopilot, both_alive_us)
+                for check in self._checks
+            ),
             alarms=tuple(alarm.entry() for alarm in self.alarm_manager.alarms),
+        )
+
+    def now(self, reader: VehicleReader, t_rx_us: int) -> VehicleNow:
+        """What is known now, at the receive time `t_rx_us` of the link."""
+        boot = self._boot
+        by_check: dict[str, list[AlarmNow]] = {check.name: [] for check in self._checks}
+        for slot in self.alarm_manager.slots:
+            spec, record = slot.spec, slot.record
+            t_boot_s, value, limit = self._rated.get(spec, NO_SAMPLE)
+            alarm = AlarmNow(
+                name=spec.name,
+                severity=spec.severity,
+                unit=spec.unit,
+                t_boot_s=t_boot_s,
+                value=value,
+                limit=limit,
+                state=slot.alarm.state,
+                announcement=slot.announcement,
+                id=None if record is None else record.id,
+                peak=None if record is None else record.peak,
+            )
+            by_check[spec.check].append(alarm)
+        verdicts = self._verdicts.of_checks()
+        alive = boot.alive if boot else [False, False]
+        heard_us = reader.heard_rx_us
+        return VehicleNow(
+            link=self.vehicle.link,
+            sysid=self.vehicle.sysid,
+            compid=self.vehicle.compid,
+            autopilot=reader.autopilot,
+            type=reader.type,
+            verdict=self._verdicts.of_vehicle(verdicts),
+            boot=boot.index if boot else None,
+            t_boot_s=boot.last_us / 1e6 if boot else None,
+            age_s=(t_rx_us - heard_us) / 1e6 if heard_us >= 0 else None,
+            received=reader.received,
+            lost=reader.lost,
+            attitude=attitude_now(self._latest[0], t_rx_us, alive=alive[0]),
+            attitude_quaternion=attitude_now(self._latest[1], t_rx_us, alive=alive[1]),
+            streams={name: count.entry() for name, count in self._streams.items()},
+            checks=tuple(
+                CheckNow(name=name, verdict=verdict, alarms=tuple(by_check[name])) for name, verdict in verdicts.items()
+            ),
         )
 
     def _stream(self, name: str) -> StreamCount:
@@ -165,6 +216,7 @@ class VehicleJudge:
 
     def _judge(self, boot: Boot, segment: BootSegment, batch: VehicleBatch, link: LinkClock) -> Iterator[Notice]:
         sent, quaternion = segment.euler, segment.quaternion
+        self._latest = [new if len(new) else old for new, old in zip((sent, quaternion), self._latest, strict=True)]
         until = int(segment.frame_index[-1]) if len(segment.frame_index) else -1
         told = [say for say in self._news if say.frame_index <= until]
         self._news = [say for say in self._news if say.frame_index > until]
@@ -219,6 +271,7 @@ class VehicleJudge:
             said = self._statements.before(reset.frame_index, t_rx_us)
             yield reset_notice(self.vehicle, boot.index, reset, t_rx_us, said)
         ratings = [found for check in self._checks for found in check.judge(flight)]
+        self._rated.update((one.spec, last_of(one)) for one in ratings if len(one.rated))
         notices, broken = breaks(self.vehicle, boot.index, self._checks, link)
         yield from notices
         found = self._euler_quaternion.found
@@ -300,6 +353,7 @@ class VehicleJudge:
             boot.no_compare_told = before.no_compare_told
             self._verdicts.left_pending |= self.alarm_manager.pending(self._euler_quaternion.name)
         self._boot = boot
+        self._rated.clear()
         self.alarm_manager.start_boot(boot.index)
         self._expected.start_boot()
         for check in self._checks:

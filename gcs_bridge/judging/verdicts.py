@@ -42,21 +42,25 @@ class Verdicts:
         self._streams = streams
         self._settings = settings
 
-    def of_vehicle(self) -> schema.Verdict:
-        """The worst of its alarms; else whether any attitude comparator judged it."""
+    def of_vehicle(self, of_checks: Mapping[str, schema.CheckVerdict]) -> schema.Verdict:
+        """The worst of its alarms; else whether any attitude comparator judged it, by the verdicts `of_checks`."""
         severities = {alarm.severity for alarm in self._alarms.alarms}
         for severity in _SEVERITIES:
             if severity in severities:
                 return severity
-        judged = any(check.compares and self.of_check(check) in ("agree", "explained") for check in self._checks)
+        judged = any(check.compares and of_checks[check.name] in ("agree", "explained") for check in self._checks)
         return "agree" if judged and not self._undecided else "no_compare"
 
-    def of_check(self, check: Check) -> schema.CheckVerdict:
-        """The verdict of one check."""
-        severities = {alarm.severity for alarm in self._alarms.alarms if alarm.check == check.name}
-        for severity in _SEVERITIES:
-            if severity in severities:
-                return severity
+    def of_checks(self) -> dict[str, schema.CheckVerdict]:
+        """The verdict of each check, by its name."""
+        worst: dict[str, Severity] = {}
+        for alarm in self._alarms.alarms:
+            if worst.get(alarm.check) != "alarm":
+                worst[alarm.check] = alarm.severity
+        return {check.name: worst.get(check.name) or self._unalarmed(check) for check in self._checks}
+
+    def _unalarmed(self, check: Check) -> schema.CheckVerdict:
+        """The verdict of a check that raised nothing."""
         if check.broken is not None:
             return "inop"
         if check.judged < self._settings.alarm.counted_samples:
@@ -67,14 +71,13 @@ class Verdicts:
             return "no_compare"
         return "explained" if self._expected.explains else "agree"
 
-    def entry(self, check: Check, autopilot: str, both_alive_us: int) -> schema.Check:
+    def entry(self, check: Check, verdict: schema.CheckVerdict, autopilot: str, both_alive_us: int) -> schema.Check:
         """The report's entry of one check; `both_alive_us`: for so long both attitude streams were alive."""
         numbers = check.numbers()
         explained_by: list[ExplainedBy] = []
         if check is self._euler_quaternion:
             numbers["coverage"] = min(check.judged_us / both_alive_us, 1.0) if both_alive_us > 0 else None
             explained_by = self._expected.explanations()
-        verdict = self.of_check(check)
         reason = self._reason(check, verdict, autopilot)
         remark = check.remark if verdict in ("agree", "explained", "no_compare") else None
         return schema.Check(

@@ -113,7 +113,8 @@ class VehicleReader:
         self._untimed: tuple[Records, Int64s, Int64s] | None = None  # AHRS2 that wait for the next timed message
         self._mode: tuple[int, int, int, bool] | None = None
         self._flags: dict[str, int] = {}
-        self._received = 0  # frames before this batch
+        self.received = self.lost = 0  # frames that came, and that the sequence numbers miss
+        self.heard_rx_us = -1  # when the last frame came
         self._present: frozenset[int] = frozenset()  # ids in this batch
         self._velocity: tuple[float, Floats] | None = None  # the last time, s, and velocity, m/s
 
@@ -144,7 +145,8 @@ class VehicleReader:
         """
         self._present = frozenset(np.unique(frames["msgid"]).tolist())
         timed = self._read_timed(buffer, frames, frame_indices, in_window)
-        self._received += len(frames)
+        self.received += len(frames)
+        self.lost, self.heard_rx_us = int(frames["lost"][-1]), int(frames["t_rx_us"][-1])
         times = self.clock.read(timed.time_boot_ms, timed.t_rx_us)
         changes = [
             ClockNotice(change, int(timed.frame_index[change.place]), int(timed.t_rx_us[change.place]))
@@ -229,7 +231,7 @@ class VehicleReader:
             t_rx_us=frames["t_rx_us"][rows],
             frame_index=frame_indices[rows],
             lost=frames["lost"][rows],
-            received=self._received + rows,
+            received=self.received + rows,
             in_window=in_window[rows],
             records=records,
         )

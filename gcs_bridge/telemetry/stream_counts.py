@@ -56,7 +56,8 @@ class StreamCount:
         self.lost -= int(((steps <= 0) & (missing < 0)).sum())  # came late, and had been counted before
         self._last_lost = int(frames_lost[-1])
 
-    def _rate_hz(self) -> float | None:
+    @property
+    def rate_hz(self) -> float | None:
         """Over the time in which it came; of a stream that is slower than silences are long, over all."""
         if self._intervals:
             return self._intervals / self._spent_us * US_PER_S
@@ -66,7 +67,7 @@ class StreamCount:
         """The stream's entry in the report."""
         return Stream(
             count=self.count,
-            rate_hz=self._rate_hz(),
+            rate_hz=self.rate_hz,
             max_gap_s=None if self.max_gap_us is None else self.max_gap_us / US_PER_S,
             lost=self.lost,
             invalid=self.invalid,

@@ -80,7 +80,15 @@ class Desk:
 
 def one(value: float, second: int) -> Rated:
     at, values = np.array([second]), np.array([value])
-    return Rated(1_000_000 * at, at, values, values > 1, values <= 1, np.full((1, 5), np.nan))
+    return Rated(
+        frame_index=at,
+        t_boot_us=1_000_000 * at,
+        value=values,
+        limit=np.ones(1),
+        bad=values > 1,
+        low=values <= 1,
+        detail=np.full((1, 5), np.nan),
+    )
 
 
 def short(notices: Iterable[Notice]) -> Told:
