@@ -197,7 +197,9 @@ def rated(
     """Samples against a limit; without `detail`, a value has no direction."""
     bad = value > limit
     low = value <= delays.clear_below * limit
-    return Rated(t_us, frame_index, value, bad, low, np.full((len(value), 5), np.nan) if detail is None else detail)
+    if detail is None:
+        detail = np.full((len(value), 5), np.nan)
+    return Rated(frame_index=frame_index, t_boot_us=t_us, value=value, bad=bad, low=low, detail=detail)
 
 
 def between_attitudes(bad: Mask, q_a: Floats, q_b: Floats) -> Floats:

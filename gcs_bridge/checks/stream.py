@@ -82,7 +82,7 @@ class _Stream:
         value = np.where(usable, silent_us, 0) * 1e-6
         on_line = rated(line.t_boot_us, line.frame_index, value, np.maximum(limit_us, 1.0) * 1e-6, delays)
         silences = _silences(batch.stream_changes, k)
-        return on_line if not silences else _merged(on_line, _at_deadlines(silences, delays))
+        return on_line if not silences else Rated.in_arrival([on_line, _at_deadlines(silences, delays)])
 
     def frozen(self, samples: AttitudeSamples, other: AttitudeSamples) -> tuple[Floats, Mask]:
         """For how long, s, each sample's numbers have been the same; and whether the other stream moved meanwhile."""
@@ -136,19 +136,6 @@ class _Stream:
                     yield t_us, at, self._count / max(median(self._rates), 1)
                 self._rates.append(self._count)
             self._window, self._count, self._whole, begin = (t_us, at), 0, True, end
-
-
-def _merged(one: Rated, other: Rated) -> Rated:
-    """Both, in order of arrival."""
-    order = np.argsort(np.concatenate((one.frame_index, other.frame_index)), kind="stable")
-    return Rated(
-        np.concatenate((one.t_boot_us, other.t_boot_us))[order],
-        np.concatenate((one.frame_index, other.frame_index))[order],
-        np.concatenate((one.value, other.value))[order],
-        np.concatenate((one.bad, other.bad))[order],
-        np.concatenate((one.low, other.low))[order],
-        np.concatenate((one.detail, other.detail))[order],
-    )
 
 
 def _silences(turns: list[StreamChange], stream: int) -> list[StreamChange]:

@@ -78,7 +78,8 @@ class Desk:
 
 def one(value: float, second: int) -> Rated:
     at, values = np.array([second]), np.array([value])
-    return Rated(1_000_000 * at, at, values, values > 1, values <= 1, np.full((1, 5), np.nan))
+    detail = np.full((1, 5), np.nan)
+    return Rated(frame_index=at, t_boot_us=1_000_000 * at, value=values, bad=values > 1, low=values <= 1, detail=detail)
 
 
 def short(notices: Iterable[Notice]) -> Told:

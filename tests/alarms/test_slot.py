@@ -24,7 +24,14 @@ SPEC = AlarmSpec(
 def samples(*values: float) -> Rated:
     """One a frame from frame 0 on, a second apart; above 1 is bad, any other is low."""
     value, frame_index = np.array(values), np.arange(len(values))
-    return Rated(1_000_000 * frame_index, frame_index, value, value > 1, value <= 1, np.full((len(values), 5), np.nan))
+    return Rated(
+        frame_index=frame_index,
+        t_boot_us=1_000_000 * frame_index,
+        value=value,
+        bad=value > 1,
+        low=value <= 1,
+        detail=np.full((len(values), 5), np.nan),
+    )
 
 
 def changes(slot: AlarmSlot, rated: Rated | None, *signals: tuple[int, Signal | None]) -> list[tuple[int, str, float]]:

@@ -37,7 +37,14 @@ def rated(story: Sequence[tuple[int, float]]) -> Rated:
     value = np.array([v for _, v in story], np.float64)
     t_us = np.array([t * 1000 for t, _ in story], np.int64)
     detail = value[:, None] * np.arange(1, 6)  # five numbers that tell whose they are
-    return Rated(t_us, np.arange(len(value)), value, value > LIMIT, value <= 0.7 * LIMIT, detail)
+    return Rated(
+        frame_index=np.arange(len(value)),
+        t_boot_us=t_us,
+        value=value,
+        bad=value > LIMIT,
+        low=value <= 0.7 * LIMIT,
+        detail=detail,
+    )
 
 
 def told(story: Sequence[tuple[int, float]], cuts: Sequence[int] = (), **changed: Any) -> tuple[Statement, Alarm]:
