@@ -20,9 +20,7 @@ from gcs_bridge.checks.windows import SlidingSums, Turning
 from gcs_bridge.columns import Floats, Mask
 from gcs_bridge.pairing.steps import Steps
 from gcs_bridge.settings import AlarmSettings, KinematicsSettings
-from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION
-
-_STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
+from gcs_bridge.telemetry.samples import STREAMS
 
 
 class _StreamAlarms(NamedTuple):
@@ -45,7 +43,7 @@ class Kinematics(Check):
         self._settings = settings
         self._delays = delays
         self._slow = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.slope_window_s / 2)
-        self._alarms = tuple(self._alarms_of(name) for name in _STREAMS)
+        self._alarms = tuple(self._alarms_of(name) for name in STREAMS)
         self.alarm_specs = tuple(spec for alarms in self._alarms for spec in alarms)
         self._start_slopes()
 
@@ -62,9 +60,9 @@ class Kinematics(Check):
         self._start_slopes()
 
     def _start_slopes(self) -> None:
-        self._sums = [SlidingSums(self._settings.slope_window_s, 10) for _ in _STREAMS]
-        self._turning = [Turning() for _ in _STREAMS]
-        self._denied = [False for _ in _STREAMS]
+        self._sums = [SlidingSums(self._settings.slope_window_s, 10) for _ in STREAMS]
+        self._turning = [Turning() for _ in STREAMS]
+        self._denied = [False for _ in STREAMS]
 
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate every step of both streams."""

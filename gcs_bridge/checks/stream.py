@@ -17,11 +17,10 @@ from gcs_bridge.checks.base import Check, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax, last_where
 from gcs_bridge.settings import AlarmSettings, StreamSettings
-from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples, finite
+from gcs_bridge.telemetry.samples import STREAMS, AttitudeSamples, finite
 from gcs_bridge.telemetry.statements import ParameterSet
 from gcs_bridge.telemetry.stream_liveness import StreamChange
 
-_STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
 _WINDOWS = 24  # of the own rate, whose median is the usual one
 _LEAST_WINDOWS = 3
 _HEARD_US = 1_000_000  # of the time between two of the vehicle's messages, what it counts as heard
@@ -175,7 +174,7 @@ class StreamCheck(Check):
         self._settings = settings
         self._delays = delays
         self._at_once = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=0.0)
-        self._alarms = tuple(self._alarms_of(name) for name in _STREAMS)
+        self._alarms = tuple(self._alarms_of(name) for name in STREAMS)
         self.alarm_specs = tuple(spec for alarms in self._alarms for spec in alarms)
         self._start()
 
@@ -199,7 +198,7 @@ class StreamCheck(Check):
         self._start()
 
     def _start(self) -> None:
-        self._streams = tuple(_Stream(self._settings) for _ in _STREAMS)
+        self._streams = tuple(_Stream(self._settings) for _ in STREAMS)
         self._heard_us = RunningMax()
         self._transfers: Int64s = np.empty(0, np.int64)
         self._frames: tuple[Int64s, Int64s] = np.empty(0, np.int64), np.empty(0, np.int64)

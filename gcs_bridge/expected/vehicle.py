@@ -141,6 +141,11 @@ class Expected:
             corrections=tuple(corrections),
         )
 
+    @property
+    def explains(self) -> bool:
+        """Whether anything was undone that shows."""
+        return bool(self._explanations)
+
     def explanations(self) -> list[ExplainedBy]:
         """The report's `explained_by`: what turned samples by more than 0.02°, in order of time."""
         return [self._entry(one) for one in self._explanations]

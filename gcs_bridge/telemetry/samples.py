@@ -18,6 +18,7 @@ from gcs_bridge.telemetry.imu_units import Units
 NORM_TOLERANCE = 0.5  # a quaternion further from unit norm has no attitude left in it
 ATTITUDE = "ATTITUDE"
 ATTITUDE_QUATERNION = "ATTITUDE_QUATERNION"
+STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)  # the two that are compared, by their index everywhere
 AHRS2 = "AHRS2"
 _RATES = ("rollspeed", "pitchspeed", "yawspeed")
 
