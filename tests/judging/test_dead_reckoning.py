@@ -40,7 +40,7 @@ def moved_by(flights, hold_us=0):
     """The motion that these flights, one after the other, add up to."""
     tracker = MotionTracker(hold_us)
     parts = [part for part in (*map(tracker.feed, flights), tracker.flush()) if part is not None]
-    return MotionSamples(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(MotionSamples)))
+    return MotionSamples.joined(parts)
 
 
 def moved(data):
