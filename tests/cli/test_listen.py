@@ -80,12 +80,12 @@ def test_real_speed(tmp_path: Path) -> None:
         code, said = tcp.ended()
         assert (code, said) == (3, "gcs-bridge: error: every link has ended\n")
     expected = gcs_bridge.check(flight).files[0]
-    (alarm,) = expected["vehicles"][0]["alarms"]
+    (alarm,) = expected.vehicles[0].alarms
     for tlog, events, process in ((udp_tlog, udp_events, udp), (tcp_tlog, tcp_events, tcp)):
         assert judgement(gcs_bridge.check(tlog).files[0]) == judgement(expected)
         told = [json.loads(line) for line in events.read_text().splitlines()]
         raised = [event for event in told if event["event"] == "alarm_raised"]
-        assert [(event["id"], event["boot_s"]) for event in raised] == [(alarm["id"], alarm["raised_boot_s"])]
+        assert [(event["id"], event["boot_s"]) for event in raised] == [(alarm.id, alarm.raised_boot_s)]
         assert ALARM in "".join(process.said)
         assert process.said[-1].endswith(": 1 vehicle, 1 alarm\n")
 
