@@ -14,8 +14,8 @@ from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
-from gcs_bridge.columns import Floats, Int64s, Mask
-from gcs_bridge.contract import Distribution, known
+from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
+from gcs_bridge.contract import Distribution, Severity, known
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.telemetry.samples import finite
 
@@ -76,21 +76,18 @@ class Check(ABC):
     ok_text: ClassVar[str]  # what it means that nothing was raised
 
     def __init__(self) -> None:
-        """Start with nothing judged."""
+        """Start with nothing judged; who has alarms lists them in `alarm_specs`."""
+        # The same objects for life. Of two at one time, a warning is not told beside an alarm.
+        self.alarm_specs: tuple[AlarmSpec, ...] = ()
         self.judged = 0
         self.judged_us = 0
         self.alive_us = 0
         self.residual = Quantiles()
-        self._watched_us: int | None = None
-
-    @property
-    @abstractmethod
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """Its alarms; of two at one time, a warning is not told beside an alarm."""
+        self._watched_us = RunningMax()
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
-        self._watched_us = None
+        self._watched_us = RunningMax()
 
     @abstractmethod
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
@@ -141,15 +138,48 @@ class Check(ABC):
         """From the values' own unit to the report's."""
         return math.degrees(1.0) if self.unit.startswith("deg") else 1.0
 
+    def _alarm_spec(
+        self,
+        name: str,
+        severity: Severity,
+        what: str,
+        delays: AlarmSettings,
+        *,
+        id_part: str | None = None,
+        unit: str | None = None,
+        recurring_window_s: float = 0.0,
+        asks_doctor: bool = False,
+        onset_lead_s: float = 0.0,
+    ) -> AlarmSpec:
+        """One of its alarms: what is not said is the check's, and ids have both names."""
+        return AlarmSpec(
+            check=self.name,
+            name=name,
+            id_part=f"{self.name}-{name.replace(' ', '-').lower()}" if id_part is None else id_part,
+            severity=severity,
+            what=what,
+            not_a_sign_of=self.not_a_sign_of,
+            unit=self.unit if unit is None else unit,
+            delays=delays,
+            recurring_window_s=recurring_window_s,
+            asks_doctor=asks_doctor,
+            onset_lead_s=onset_lead_s,
+        )
+
+    def _warning_and_alarm(
+        self, what: str, delays: AlarmSettings, *, asks_doctor: bool = False
+    ) -> tuple[AlarmSpec, AlarmSpec]:
+        """Two limits of one thing; the alarm is known by the check's name alone."""
+        return (
+            self._alarm_spec("warning", "warning", what, delays, asks_doctor=asks_doctor),
+            self._alarm_spec("alarm", "alarm", what, delays, id_part=self.name, asks_doctor=asks_doctor),
+        )
+
     def _watch(self, t_us: Int64s, value: Floats, judged: Mask) -> None:
         """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""
         if not len(t_us):
             return
-        latest = np.maximum.accumulate(
-            np.concatenate(([t_us[0] if self._watched_us is None else self._watched_us], t_us))
-        )
-        self._watched_us = int(latest[-1])
-        stands_for = np.minimum(np.diff(latest), _LONGEST_US)
+        stands_for = np.minimum(np.diff(self._watched_us.feed(t_us)), _LONGEST_US)
         self.alive_us += int(stands_for.sum())
         self.judged_us += int(stands_for[judged].sum())
         self.judged += int(judged.sum())
@@ -206,9 +236,8 @@ class ImuCheck(Check):
         """Take in what the sensor's numbers mean."""
         self._usable.breaks = []
         if batch.imu is not None:
-            samples, frame_index = batch.imu
-            self._scale = samples.scale
-            self._usable.follow(finite(getattr(samples, self.judges)), samples.t_boot_us, frame_index)
+            self._scale = batch.imu.scale
+            self._usable.follow(finite(getattr(batch.imu, self.judges)), batch.imu.t_boot_us, batch.imu.frame_index)
 
     @property
     def broken(self) -> str | None:

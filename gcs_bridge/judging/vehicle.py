@@ -41,13 +41,14 @@ from gcs_bridge.judging.diagnosis_cases import SentBatch
 from gcs_bridge.judging.estimator_resets import Reset, Statements
 from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.mavlink.requests import request_command
+from gcs_bridge.pairing.references import VehicleImu
 from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
-from gcs_bridge.telemetry.batches import Ahrs2Batch, BootSegment, ClockNotice, ImuBatch, VehicleBatch, no_segment
+from gcs_bridge.telemetry.batches import BootSegment, ClockNotice, VehicleBatch, no_segment
 from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
-from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION
+from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, Ahrs2Samples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
 from gcs_bridge.telemetry.stillness import Stillness
 from gcs_bridge.telemetry.stream_counts import StreamCount
@@ -56,15 +57,6 @@ from gcs_bridge.telemetry.stream_liveness import OTHER, StreamChange, Timeline
 STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
 US_PER_S = 1e6
 _FIXED_WING = ("fixed_wing",)  # MAV_TYPE; what hovers too is told by its VTOL types
-# The alarms about which the doctor is asked: check and tier.
-_ASKED = frozenset(
-    {
-        ("euler_quaternion", "pairs"),
-        ("euler_quaternion", "mean"),
-        ("quaternion_norm", "alarm"),
-        ("quaternion_norm", "warning"),
-    }
-)
 _TRIMS = ("AHRS_TRIM_X", "AHRS_TRIM_Y")
 _SEVERITIES: tuple[Severity, ...] = ("alarm", "warning")  # worst first
 _STREAM_EVENTS = {"started": StreamStarted, "stale": StreamStale, "resumed": StreamResumed}
@@ -86,7 +78,9 @@ class VehicleJudge:
         self._checks = all_checks(settings)
         self._euler_quaternion = next(check for check in self._checks if isinstance(check, EulerQuaternion))
         self._stream_check = next(check for check in self._checks if isinstance(check, StreamCheck))
-        self.alarm_manager = AlarmManager(vehicle, self._checks, settings.alarm)
+        self.alarm_manager = AlarmManager(
+            vehicle, (spec for check in self._checks for spec in check.alarm_specs), settings.alarm
+        )
         self._expected = Expected()
         self._news: list[Statement] = []  # that came behind the last message with a time
         self._trims_told: list[ParameterSet] = []  # that are not among the trims yet
@@ -107,7 +101,7 @@ class VehicleJudge:
         for notice in batch.clock_changes:
             yield self._clock_notice(notice)
         boots = {segment.boot: segment for segment in batch.segments}
-        more = [*(inertial.samples.boot for inertial in batch.imu.values()), batch.secondary.samples.boot]
+        more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
         for index in sorted(boots.keys() | set(np.unique(np.concatenate(more)).tolist())):
             yield from self._take_boot(index, boots.get(index), batch, link)
         yield from self.advance(link)
@@ -127,8 +121,7 @@ class VehicleJudge:
         if turns:
             notices, signals = self._turns(boot, turns, link)
             yield from notices
-            silent = [(self._stream_check, found) for found in self._stream_check.silent(turns)]
-            yield from self.alarm_manager.feed(silent, signals, link)
+            yield from self.alarm_manager.feed(self._stream_check.silent(turns), signals, link)
 
     def _heard_on(self, turns: list[StreamChange], link: LinkClock) -> list[StreamChange]:
         """The same without silences of streams in which the whole vehicle was silent."""
@@ -203,17 +196,16 @@ class VehicleJudge:
         yield from self._judge(boot, segment, batch, link)
 
     def _judge(self, boot: Boot, segment: BootSegment, batch: VehicleBatch, link: LinkClock) -> Iterator[Notice]:
-        at = (segment.frame_index[segment.message == 0], segment.frame_index[segment.message == 1])
-        sent = segment.euler
+        sent, quaternion = segment.euler, segment.quaternion
         until = int(segment.frame_index[-1]) if len(segment.frame_index) else -1
         told = [say for say in self._news if say.frame_index <= until]
         self._news = [say for say in self._news if say.frame_index > until]
         self._expected.told(say for say in told if isinstance(say, ParameterSet | ModeSet))
-        corrected = self._expected.correct(sent, at[0], segment.quaternion, at[1])
+        corrected = self._expected.correct(sent, quaternion)
         euler = sent if corrected.q_nb is sent.q_nb else replace(sent, q_nb=corrected.q_nb)
-        self._follow_trims(corrected, at[0])
+        self._follow_trims(corrected)
         paired = np.flatnonzero(segment.valid_attitude)
-        valid = (euler[euler.valid], segment.quaternion[segment.quaternion.valid])
+        valid = (euler[euler.valid], quaternion[quaternion.valid])
         by_stream = np.argsort(segment.message[paired], kind="stable")
         order = np.argsort(by_stream, kind="stable")  # the inverse: from one stream behind the other to arrival
         as_sent = None if euler is sent else sent.q_nb[sent.valid]
@@ -223,67 +215,52 @@ class VehicleJudge:
         periods[0, paired], periods[1, paired] = aligned.period_us, aligned.rx_period_us
         self._count(segment, periods[0])
         line = Timeline(
-            np.minimum(segment.message, OTHER),
-            segment.t_boot_us,
-            link.latest_rx_us[segment.frame_index - link.frame_index[0]],
-            segment.frame_index,
-            periods[0],
-            periods[1],
+            frame_index=segment.frame_index,
+            stream=np.minimum(segment.message, OTHER),
+            t_boot_us=segment.t_boot_us,
+            t_rx_us=link.latest_rx_us[segment.frame_index - link.frame_index[0]],
+            period_us=periods[0],
+            rx_period_us=periods[1],
+            lost=segment.lost,
+            received=segment.received,
         )
         turns = self._heard_on(list(boot.liveness.take(line, link)) if len(segment.message) else [], link)
         notices, signals = self._turns(boot, turns, link)
         yield from notices
 
         imu = self._imu_of(boot, batch)
-        sensed = np.empty(0, np.int64) if imu is None else imu.frame_index
-        may_rest, stands = self._stillness.at(sensed)
-        trim_b_rad = self._trim_at(sensed)
-        attitudes = boot.attitude.take(euler, at[0], segment.quaternion, at[1])
-        secondary = _of_boot(batch.secondary, boot)
-        valid_at = (at[0][euler.valid], at[1][segment.quaternion.valid])
+        attitudes = boot.attitude.take(euler, quaternion)
         flight = CheckBatch(
-            euler,
-            at[0],
-            segment.quaternion,
-            at[1],
-            aligned.pairs,
-            segment.frame_index[paired[aligned.pairs.completed_by]],
-            aligned.steps,
-            (valid_at[0][aligned.steps[0].row], valid_at[1][aligned.steps[1].row]),
-            attitudes,
-            imu,
-            may_rest,
-            stands,
-            trim_b_rad,
-            boot.imu_lookup.feed(attitudes, imu, trim_b_rad, may_rest, stands),
-            secondary,
-            self._fixed_wing,
-            self._ardupilot,
-            turns,
-            line,
-            segment.lost,
-            segment.received,
-            told,
+            euler=euler,
+            quaternion=quaternion,
+            pairs=aligned.pairs,
+            steps=aligned.steps,
+            attitude=attitudes,
+            imu=imu,
+            imu_with_attitude=boot.imu_lookup.feed(attitudes, imu),
+            secondary=_of_boot(batch.secondary, boot),
+            fixed_wing=self._fixed_wing,
+            ardupilot=self._ardupilot,
+            stream_changes=turns,
+            line=line,
+            statements=told,
         )
-        for reset in boot.resets.take(flight.steps, flight.step_frame_index):
+        for reset in boot.resets.take(flight.steps):
             boot.diagnosis_cases.reset_at(reset.frame_index, reset.t1_us)
             yield self._reset_notice(boot, reset, link)
-        ratings = [(check, found) for check in self._checks for found in check.judge(flight)]
+        ratings = [found for check in self._checks for found in check.judge(flight)]
         notices, broken = self._breaks(boot, link)
         yield from notices
         found = self._euler_quaternion.found
         assert found is not None
         boot.diagnosis_cases.keep(
             SentBatch(
-                sent,
-                at[0],
-                corrected,
-                segment.quaternion,
-                at[1],
-                aligned.pairs,
-                flight.pair_frame_index,
-                found.angle,
-                found.judged & (found.angle > found.limit),
+                euler=sent,
+                corrected=corrected,
+                quaternion=quaternion,
+                pairs=aligned.pairs,
+                angle_rad=found.angle,
+                bad=found.judged & (found.angle > found.limit),
             )
         )
         told_of = [
@@ -295,19 +272,24 @@ class VehicleJudge:
         yield from told_of
         if self._observer is not None:
             self._observer(
-                Observation(self.vehicle, segment, aligned.pairs, found, flight, corrected, tuple(in_order(told_of)))
+                Observation(
+                    vehicle=self.vehicle,
+                    segment=segment,
+                    pairs=aligned.pairs,
+                    disagreement=found,
+                    flight=flight,
+                    corrected=corrected,
+                    notices=tuple(in_order(told_of)),
+                )
             )
 
     def _ask(self, boot: Boot, moment: AlarmTransition, link: LinkClock) -> Iterator[Notice]:
         """Ask the doctor about an alarm that is raised, or goes."""
-        if (moment.record.check, moment.tier) not in _ASKED:
+        if not moment.spec.asks_doctor:
             return
         name = moment.record.id
         if moment.what == "raised":
-            onset_us = moment.onset_us
-            if moment.tier == "mean":  # the mean had to grow first
-                settings = self._settings.euler_quaternion
-                onset_us -= round((settings.mean_window_s + settings.mean_hold_s) * 1e6)
+            onset_us = moment.onset_us - round(moment.spec.onset_lead_s * 1e6)
             boot.asked[name] = moment.record
             boot.diagnosis_cases.open(name, onset_us, moment.t_boot_us)
             yield from self._answer(boot, name, moment.frame_index, moment.t_boot_us, link)
@@ -324,14 +306,19 @@ class VehicleJudge:
         if answer.entry is not None and answer.entry != record.diagnosis:
             yield from self.alarm_manager.diagnosis(record, answer.entry, frame_index, t_boot_us, link.at(frame_index))
 
-    def _imu_of(self, boot: Boot, batch: VehicleBatch) -> ImuBatch | None:
+    def _imu_of(self, boot: Boot, batch: VehicleBatch) -> VehicleImu | None:
         """The samples, within the boot, of the one sensor that is judged by."""
         own = {}
-        for name, (samples, frame_index) in batch.imu.items():
-            rows = (samples.boot == boot.index) & (samples.t_boot_us >= 0) & (frame_index >= boot.frame_index)
-            if rows.any():
-                own[name] = ImuBatch(samples[rows], frame_index[rows])
-        return boot.imu.take(own)
+        for name, samples in batch.imu.items():
+            mine = (samples.boot == boot.index) & (samples.t_boot_us >= 0) & (samples.frame_index >= boot.frame_index)
+            if mine.any():
+                own[name] = samples.where(mine)
+        chosen = boot.imu.take(own)
+        if chosen is None:
+            return None
+        may_rest, stands = self._stillness.at(chosen.frame_index)
+        trim_b_rad = self._trim_at(chosen.frame_index)
+        return VehicleImu(**vars(chosen), may_rest=may_rest, stands=stands, trim_b_rad=trim_b_rad)
 
     def _trim_at(self, frame_indices: Int64s) -> Floats:
         """The turn (n, 3) from the body's axes to the sensor's, by the trims told."""
@@ -339,16 +326,17 @@ class VehicleJudge:
             [*(trim.at(frame_indices) for trim in self._trims.values()), np.zeros(len(frame_indices))]
         )
 
-    def _follow_trims(self, corrected: Corrected, frame_indices: Int64s) -> None:
+    def _follow_trims(self, corrected: Corrected) -> None:
         """AHRS_TRIM as it is told, and as it shows in ATTITUDE where it is not."""
-        undone = np.vstack((self._trim_b_rad, corrected.trim_b_rad(len(frame_indices))))
+        undone = np.vstack((self._trim_b_rad, corrected.trim_b_rad))
         changes = np.flatnonzero((np.diff(undone, axis=0) != 0).any(axis=1))
         self._trim_b_rad = undone[-1]
         news = [(say.frame_index, say.name, say.value) for say in self._trims_told]
         self._trims_told.clear()
         for row in changes.tolist():
             news += [
-                (int(frame_indices[row]), name, value) for name, value in zip(_TRIMS, undone[row + 1], strict=False)
+                (int(corrected.frame_index[row]), name, value)
+                for name, value in zip(_TRIMS, undone[row + 1], strict=False)
             ]
         for frame_index, name, value in sorted(news):
             self._trims[name].put(np.array([frame_index]), np.array([value]))
@@ -414,7 +402,8 @@ class VehicleJudge:
             for check in self._checks:
                 has = boot.has_sources(check)
                 if has != (check.name in had) or (turn.what == "missing" and not has):
-                    signals.append(SignalAt(turn.frame_index, check.name, Signal.FOUND if has else Signal.LOST))
+                    signal = Signal.FOUND if has else Signal.LOST
+                    signals.append(SignalAt(frame_index=turn.frame_index, check=check.name, signal=signal))
             if turn.what in ("missing", "stale") and not boot.no_compare_told:
                 boot.no_compare_told = True
                 silent = "was never received" if turn.what == "missing" else "is silent"
@@ -434,7 +423,7 @@ class VehicleJudge:
                 told = Inop(**where, reason=check.broken) if one.broken else CompareResumed(**where)
                 notices.append(Notice(one.frame_index, told))
                 signal = Signal.BROKEN if one.broken else Signal.FOUND
-                signals.append(SignalAt(one.frame_index, check.name, signal))
+                signals.append(SignalAt(frame_index=one.frame_index, check=check.name, signal=signal))
         return notices, signals
 
     def _check_entry(self, check: Check, autopilot: str) -> schema.Check:
@@ -504,10 +493,9 @@ class VehicleJudge:
         )
 
 
-def _of_boot(secondary: Ahrs2Batch, boot: Boot) -> Ahrs2Batch:
+def _of_boot(secondary: Ahrs2Samples, boot: Boot) -> Ahrs2Samples:
     """What came of the second estimate within the boot."""
-    rows = (secondary.samples.boot == boot.index) & (secondary.frame_index >= boot.frame_index)
-    return Ahrs2Batch(secondary.samples[rows], secondary.frame_index[rows], secondary.gap_us[rows])
+    return secondary.where((secondary.boot == boot.index) & (secondary.frame_index >= boot.frame_index))
 
 
 def how_to_get(message: str, autopilot: str) -> str:
