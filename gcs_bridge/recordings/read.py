@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 
 from gcs_bridge.judging.monitor import open_dialect
-from gcs_bridge.mavlink.decode import gather
 from gcs_bridge.mavlink.dialect import Dialect
-from gcs_bridge.mavlink.scan import scan_kernel
 from gcs_bridge.mavlink.scanner import Salvage, Scanner
 from gcs_bridge.recordings.source import announce_compiling, opened, pieces_of, start_us_of
 from gcs_bridge.settings import VehicleSettings
@@ -61,7 +59,7 @@ def read(path: str | Path, *, dialect: str = "all") -> Recording:
     path = Path(path)
     tables = open_dialect(dialect)
     with opened(path) as file:
-        announce_compiling(scan_kernel, gather)
+        announce_compiling("gcs_bridge.mavlink")
         scanner = Scanner(tables, timed=start_us_of(file, tables, path) is not None)
         gathered: dict[int, _Gathered] = {}
         n_frames = 0

@@ -18,6 +18,7 @@ from gcs_bridge.alarms.state import ANNOUNCEMENTS, Announcement, AnnouncementSig
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Notice
 from gcs_bridge.settings import AlarmSettings
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
 from tests.helpers import wire
 
@@ -44,7 +45,7 @@ class Desk:
     """A manager of three alarms, and what it has to say of each second."""
 
     def __init__(self) -> None:
-        self.manager = AlarmManager((1, 1), (WARNING, ALARM, OTHER), AlarmSettings())
+        self.manager = AlarmManager(VehicleId(None, 1, 1), (WARNING, ALARM, OTHER), AlarmSettings())
         self.second = 0
         self.asked: list[tuple[str, str]] = []
 
@@ -82,7 +83,7 @@ def one(value: float, second: int) -> Rated:
 
 
 def short(notices: Iterable[Notice]) -> Told:
-    return [(notice.event["event"].removeprefix("alarm_"), notice.event["id"]) for notice in notices]
+    return [(notice.event.name.removeprefix("alarm_"), notice.event.id) for notice in notices]
 
 
 def both(*what: str, alarm_id: str) -> Told:
