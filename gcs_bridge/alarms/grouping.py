@@ -3,37 +3,38 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 from gcs_bridge.settings import AlarmSettings
 
 
 @dataclass
-class Announcer:
+class RaiseGrouping:
     """Says which of a vehicle's raises belong together, by one rule over the times of the last ones.
 
     A raise is a "repeat" soon after the same alarm's last one, part of a "chatter" where that happens often, and part
-    of a "flood" where many alarms of any kind come at once.
+    of a "flood" where many alarms of any kind come at once. An alarm is known by anything that is its own.
     """
 
     settings: AlarmSettings
 
     def __post_init__(self) -> None:
-        self._raises: deque[tuple[int, str]] = deque()
+        self._raises: deque[tuple[int, Hashable]] = deque()
 
-    def belongs_to_last(self, name: str, t_boot_us: int) -> bool:
+    def belongs_to_last(self, alarm: Hashable, t_boot_us: int) -> bool:
         """Whether a raise at that time would be a repeat of the alarm's last one, or its chatter."""
         rules = self.settings
-        times = [*(t_us for t_us, raised in self._raises if raised == name), t_boot_us]
+        times = [*(t_us for t_us, raised in self._raises if raised == alarm), t_boot_us]
         return _within(times, rules.repeat_s) > 1 or _within(times, rules.chatter_window_s) >= rules.chatter_raises
 
-    def group(self, name: str, t_boot_us: int) -> str | None:
-        """Take a raise of the alarm `name`; tell what it is part of, None: it stands alone."""
+    def group(self, alarm: Hashable, t_boot_us: int) -> str | None:
+        """Take a raise of an alarm; tell what it is part of, None: it stands alone."""
         rules = self.settings
-        self._raises.append((t_boot_us, name))
+        self._raises.append((t_boot_us, alarm))
         while self._raises[0][0] < t_boot_us - max(rules.flood_window_s, rules.chatter_window_s) * 1e6:
             self._raises.popleft()
-        same = [t_us for t_us, raised in self._raises if raised == name]
+        same = [t_us for t_us, raised in self._raises if raised == alarm]
         if _within(same, rules.chatter_window_s) >= rules.chatter_raises:
             return "chatter"
         if _within([t_us for t_us, _ in self._raises], rules.flood_window_s) >= rules.flood_raises:

@@ -2,28 +2,41 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.settings import AlarmSettings
 
+Severity = Literal["warning", "alarm"]
 
-class AlarmSpec(NamedTuple):
-    """One alarm of a check: its name within the check, severity, what it says, votes and delays; unit, if its own.
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AlarmSpec:
+    """One alarm of a check: made once in its constructor, and known by the object itself, never by its names.
+
+    `check` and `name`: whose it is, and its own name within the check; `id_part`: what stands for both in alarm ids.
+    `what` it says, and what it is `not_a_sign_of`; `unit` of its peak; `delays`: votes and delays.
     `recurring_window_s`: within that time excursions that are too short by themselves raise it together; 0: never.
+    `asks_doctor`: whether a diagnosis is wanted; `onset_lead_s`: so long before its first bad sample a fault began, as
+    with a mean that has to grow first.
     """
 
+    check: str
     name: str
-    severity: str
+    id_part: str
+    severity: Severity
     what: str
+    not_a_sign_of: str
+    unit: str
     delays: AlarmSettings
-    unit: str | None = None
     recurring_window_s: float = 0.0
+    asks_doctor: bool = False
+    onset_lead_s: float = 0.0
 
 
 class RatedSamples(NamedTuple):
     """What a check found for one of its alarm_specs."""
 
-    tier: str
+    spec: AlarmSpec
     rated: Rated

@@ -1,9 +1,10 @@
-"""When a disagreement becomes an alarm, and when the alarm goes: votes, delays and one table of transitions.
+"""The life of an alarm (after ISA-18.2 and EEMUA 191): its states, how it is announced, and what moves it, as tables.
 
-Time is the vehicle's and comes with the samples. A sample is bad above its limit and low below a share of it; alarms
-start and end by a vote over the last samples, so that a lone outlier does neither (after ISA-18.2 and EEMUA 191). What
-comes and goes, each time for less than the on-delay, can be told to count together.
-Whether an alarm is shelved, or one of many, is not its own affair: see `Announcer`.
+When a disagreement becomes an alarm, and when the alarm goes, is decided by votes and delays: time is the vehicle's and
+comes with the samples. A sample is bad above its limit and low below a share of it; alarms start and end by a vote over
+the last samples, so that a lone outlier does neither. What comes and goes, each time for less than the on-delay, can be
+told to count together.
+How an alarm is announced goes beside its state: what is shelved or suppressed lives on as if it were told.
 """
 
 from __future__ import annotations
@@ -85,8 +86,43 @@ TRANSITIONS = {
     (_S.NO_COMPARE, _T.BROKEN): _S.INOP,
     (_S.INOP, _T.FOUND): _S.NORMAL,
 }
+
+
+class Announcement(Enum):
+    """How an alarm is announced, whatever its state."""
+
+    TOLD = "told"  # what happens to it is told
+    SUPPRESSED = "suppressed"  # it stands beside an alarm of the same check, which says it already
+    SHELVED = "shelved"  # somebody wants to hear nothing of it for a time, later boots included
+    SHELVED_SUPPRESSED = "shelved_suppressed"
+
+
+class AnnouncementSignal(Enum):
+    """What may change how an alarm is announced."""
+
+    SUPPRESS = "suppress"  # it was raised beside an alarm of the same check
+    RELEASE = "release"  # that one is gone, or this one
+    SHELVE = "shelve"
+    UNSHELVE = "unshelve"  # somebody asked for it, or the time has run out
+
+
+_A, _N = Announcement, AnnouncementSignal
+# The same for how it is announced. What was told once is not suppressed later: only a raise can be.
+ANNOUNCEMENTS = {
+    (_A.TOLD, _N.SUPPRESS): _A.SUPPRESSED,
+    (_A.TOLD, _N.SHELVE): _A.SHELVED,
+    (_A.SUPPRESSED, _N.RELEASE): _A.TOLD,
+    (_A.SUPPRESSED, _N.SHELVE): _A.SHELVED_SUPPRESSED,
+    (_A.SHELVED, _N.SUPPRESS): _A.SHELVED_SUPPRESSED,
+    (_A.SHELVED, _N.UNSHELVE): _A.TOLD,
+    (_A.SHELVED_SUPPRESSED, _N.RELEASE): _A.SHELVED,
+    (_A.SHELVED_SUPPRESSED, _N.UNSHELVE): _A.SUPPRESSED,
+}
+
 PENDING = frozenset({State.PENDING, State.RETURNED_PENDING})
 STANDING = frozenset({State.RAISED, State.ACKNOWLEDGED, State.CLEARING, State.CLEARING_ACKNOWLEDGED})
+SUPPRESSED = frozenset({Announcement.SUPPRESSED, Announcement.SHELVED_SUPPRESSED})
+SHELVED = frozenset({Announcement.SHELVED, Announcement.SHELVED_SUPPRESSED})
 _CLEARING = frozenset({State.CLEARING, State.CLEARING_ACKNOWLEDGED})
 _QUIET = frozenset(State) - PENDING - STANDING
 _RECURRING_EXCURSIONS, _RECURRING_DELAYS = 3, 1.5  # so many, and so many on-delays long together, raise the alarm

@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs_bridge import attitude
 from gcs_bridge.alarms.rated import Rated
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples, Severity
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
 from gcs_bridge.columns import Floats, Int64s, Mask
@@ -63,17 +63,14 @@ class Check(ABC):
     ok_text: ClassVar[str]  # what it means that nothing was raised
 
     def __init__(self) -> None:
-        """Start with nothing judged."""
+        """Start with nothing judged; who has alarms lists them in `alarm_specs`."""
+        # The same objects for life. Of two at one time, a warning is not told beside an alarm.
+        self.alarm_specs: tuple[AlarmSpec, ...] = ()
         self.judged = 0
         self.judged_us = 0
         self.alive_us = 0
         self.residual = Quantiles()
         self._watched_us: int | None = None
-
-    @property
-    @abstractmethod
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """Its alarms; of two at one time, a warning is not told beside an alarm."""
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
@@ -123,6 +120,43 @@ class Check(ABC):
     def scale(self) -> float:
         """From the values' own unit to the report's."""
         return math.degrees(1.0) if self.unit.startswith("deg") else 1.0
+
+    def _alarm_spec(
+        self,
+        name: str,
+        severity: Severity,
+        what: str,
+        delays: AlarmSettings,
+        *,
+        id_part: str | None = None,
+        unit: str | None = None,
+        recurring_window_s: float = 0.0,
+        asks_doctor: bool = False,
+        onset_lead_s: float = 0.0,
+    ) -> AlarmSpec:
+        """One of its alarms: what is not said is the check's, and ids have both names."""
+        return AlarmSpec(
+            check=self.name,
+            name=name,
+            id_part=f"{self.name}-{name.replace(' ', '-').lower()}" if id_part is None else id_part,
+            severity=severity,
+            what=what,
+            not_a_sign_of=self.not_a_sign_of,
+            unit=self.unit if unit is None else unit,
+            delays=delays,
+            recurring_window_s=recurring_window_s,
+            asks_doctor=asks_doctor,
+            onset_lead_s=onset_lead_s,
+        )
+
+    def _warning_and_alarm(
+        self, what: str, delays: AlarmSettings, *, asks_doctor: bool = False
+    ) -> tuple[AlarmSpec, AlarmSpec]:
+        """Two limits of one thing; the alarm is known by the check's name alone."""
+        return (
+            self._alarm_spec("warning", "warning", what, delays, asks_doctor=asks_doctor),
+            self._alarm_spec("alarm", "alarm", what, delays, id_part=self.name, asks_doctor=asks_doctor),
+        )
 
     def _watch(self, t_us: Int64s, value: Floats, judged: Mask) -> None:
         """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""

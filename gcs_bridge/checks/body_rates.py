@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import RatedSamples
 from gcs_bridge.checks.base import Check, along, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.settings import AlarmSettings, BodyRatesSettings
@@ -28,12 +28,8 @@ class BodyRates(Check):
         super().__init__()
         self._settings = settings
         self._delays = delays
-
-    @property
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """A warning and an alarm."""
         what = "the body rates of ATTITUDE and ATTITUDE_QUATERNION differ"
-        return AlarmSpec("warning", "warning", what, self._delays), AlarmSpec("alarm", "alarm", what, self._delays)
+        self.alarm_specs = self._warning, self._alarm = self._warning_and_alarm(what, delays)
 
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate the pairs of the same instant, with what the streams' own last steps allow for."""
@@ -45,10 +41,10 @@ class BodyRates(Check):
         t_us, frame_index = pairs.t_boot_us[rows], batch.pair_frame_index[rows]
         self._watch(t_us, value, judged)
         detail = along(difference[judged])
-        for tier, limit in (("warning", self._settings.warning_rad_s), ("alarm", self._settings.alarm_rad_s)):
+        for spec, limit in ((self._warning, self._settings.warning_rad_s), (self._alarm, self._settings.alarm_rad_s)):
             limits = limit + allowed[judged]
             yield RatedSamples(
-                tier, rated(t_us[judged], frame_index[judged], value[judged], limits, self._delays, detail)
+                spec, rated(t_us[judged], frame_index[judged], value[judged], limits, self._delays, detail)
             )
 
     def why_not(self) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from gcs_bridge import attitude
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import RatedSamples
 from gcs_bridge.checks.base import Check, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
@@ -84,24 +84,26 @@ class EulerQuaternion(Check):
         self._settings = settings
         self._delays = delays
         self._slow = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.mean_hold_s)
+        self._pairs = self._alarm_spec(
+            "pairs",
+            "alarm",
+            "ATTITUDE and ATTITUDE_QUATERNION are not one rotation",
+            delays,
+            id_part=self.name,
+            recurring_window_s=settings.recurring_window_s,
+            asks_doctor=True,
+        )
+        self._mean_turn = self._alarm_spec(
+            "mean",
+            "warning",
+            "ATTITUDE and ATTITUDE_QUATERNION differ by a small constant turn",
+            self._slow,
+            asks_doctor=True,
+            onset_lead_s=settings.mean_window_s + settings.mean_hold_s,
+        )
+        self.alarm_specs = self._pairs, self._mean_turn
         self._last_interval_id = -1
         self._start_mean()
-
-    @property
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """The alarm of single pairs, and the warning of their mean."""
-        return (
-            AlarmSpec(
-                "pairs",
-                "alarm",
-                "ATTITUDE and ATTITUDE_QUATERNION are not one rotation",
-                self._delays,
-                recurring_window_s=self._settings.recurring_window_s,
-            ),
-            AlarmSpec(
-                "mean", "warning", "ATTITUDE and ATTITUDE_QUATERNION differ by a small constant turn", self._slow
-            ),
-        )
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
@@ -139,7 +141,7 @@ class EulerQuaternion(Check):
         self.counted += len(rows)
         self.bad += int((angle > limit).sum())
         t_us, frame_index = pairs.t_boot_us[rows], batch.pair_frame_index[rows]
-        yield RatedSamples("pairs", rated(t_us, frame_index, angle, limit, self._delays, detail))
+        yield RatedSamples(self._pairs, rated(t_us, frame_index, angle, limit, self._delays, detail))
         yield from self._mean(batch, found)
 
     def _withheld(self, batch: CheckBatch, found: Disagreement) -> Int64s:
@@ -191,7 +193,7 @@ class EulerQuaternion(Check):
         enough = (count >= self._settings.mean_pairs) & (t_us - since_us >= 0.5e6 * self._settings.mean_window_s)
         detail = np.hstack((found.tilt[good, None], found.heading[good, None], mean[:, :3]))[enough]
         yield RatedSamples(
-            "mean",
+            self._mean_turn,
             rated(t_us[enough], batch.pair_frame_index[good][enough], value[enough], limit[enough], self._slow, detail),
         )
 

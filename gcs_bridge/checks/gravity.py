@@ -12,7 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from gcs_bridge import attitude
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import RatedSamples
 from gcs_bridge.attitude import RestWatch
 from gcs_bridge.checks.base import ImuCheck, length, rated
 from gcs_bridge.checks.batch import CheckBatch
@@ -36,18 +36,13 @@ class Gravity(ImuCheck):
         self._settings = settings
         self._delays = delays
         self._at_once = replace(delays, on_delay_s=0.0)
-        self._start()
-
-    @property
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """At rest a warning and an alarm; in flight an alarm."""
-        what = "at rest the accelerometer's down is not the attitude's"
+        # At rest a warning and an alarm; in flight an alarm.
+        at_rest = "at rest the accelerometer's down is not the attitude's"
         gross = "for seconds the accelerometer's down is far from the attitude's"
-        return (
-            AlarmSpec("warning", "warning", what, self._delays),
-            AlarmSpec("alarm", "alarm", what, self._delays),
-            AlarmSpec("gross", "alarm", gross, self._at_once),
-        )
+        self._warning, self._alarm = self._warning_and_alarm(at_rest, delays)
+        self._gross_alarm = self._alarm_spec("gross", "alarm", gross, self._at_once)
+        self.alarm_specs = self._warning, self._alarm, self._gross_alarm
+        self._start()
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
@@ -75,8 +70,8 @@ class Gravity(ImuCheck):
         self._watch(t_us, value, resting & np.isfinite(value))
         at = np.flatnonzero(resting & np.isfinite(value))
         detail = _between_downs(down[at], force[at], value[at], self._settings.warning_rad)
-        for tier, limit in (("warning", self._settings.warning_rad), ("alarm", self._settings.alarm_rad)):
-            yield RatedSamples(tier, rated(t_us[at], frame_index[at], value[at], limit, self._delays, detail))
+        for spec, limit in ((self._warning, self._settings.warning_rad), (self._alarm, self._settings.alarm_rad)):
+            yield RatedSamples(spec, rated(t_us[at], frame_index[at], value[at], limit, self._delays, detail))
         yield self._gross(t_us, frame_index, force, reported, down, batch.fixed_wing.at(frame_index) == 1)
 
     def _gross(
@@ -100,7 +95,7 @@ class Gravity(ImuCheck):
         rows, angle = rows[known], angle[known]
         detail = _between_downs(mean_down[known], mean_force[known], angle, settings.gross_rad)
         return RatedSamples(
-            "gross", rated(t_us[rows], frame_index[rows], angle, settings.gross_rad, self._at_once, detail)
+            self._gross_alarm, rated(t_us[rows], frame_index[rows], angle, settings.gross_rad, self._at_once, detail)
         )
 
     def why_not(self) -> str:

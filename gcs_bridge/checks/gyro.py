@@ -12,7 +12,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import RatedSamples
 from gcs_bridge.checks.base import ImuCheck, along, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.windows import Turning
@@ -76,13 +76,9 @@ class Gyro(ImuCheck):
         super().__init__()
         self._settings = settings
         self._delays = delays
-        self._start()
-
-    @property
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """A warning and an alarm."""
         what = "the IMU's gyro and the attitude's rates differ"
-        return AlarmSpec("warning", "warning", what, self._delays), AlarmSpec("alarm", "alarm", what, self._delays)
+        self.alarm_specs = self._warning, self._alarm = self._warning_and_alarm(what, delays)
+        self._start()
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
@@ -118,9 +114,9 @@ class Gyro(ImuCheck):
         self._watch(found_t, value, judged)
         allowed = length(step)[judged]
         detail = along(rest[judged])
-        for tier, limit in (("warning", self._settings.warning_rad_s), ("alarm", self._settings.alarm_rad_s)):
+        for spec, limit in ((self._warning, self._settings.warning_rad_s), (self._alarm, self._settings.alarm_rad_s)):
             yield RatedSamples(
-                tier, rated(found_t[judged], frame_index[judged], value[judged], limit + allowed, self._delays, detail)
+                spec, rated(found_t[judged], frame_index[judged], value[judged], limit + allowed, self._delays, detail)
             )
 
     def why_not(self) -> str:

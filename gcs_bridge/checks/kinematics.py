@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -25,6 +25,13 @@ from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION
 _STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
 
 
+class _StreamAlarms(NamedTuple):
+    """Of one stream: an alarm of its steps, and a warning of the slope on any axis."""
+
+    steps: AlarmSpec
+    slope: AlarmSpec
+
+
 class Kinematics(Check):
     """The check over one vehicle."""
 
@@ -38,22 +45,16 @@ class Kinematics(Check):
         self._settings = settings
         self._delays = delays
         self._slow = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.slope_window_s / 2)
+        self._alarms = tuple(self._alarms_of(name) for name in _STREAMS)
+        self.alarm_specs = tuple(spec for alarms in self._alarms for spec in alarms)
         self._start_slopes()
 
-    @property
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """For each stream an alarm of its steps, and a warning of the slope on any axis."""
-        steps = (
-            AlarmSpec(f"{name} steps", "alarm", f"{name} does not turn as its rates say", self._delays)
-            for name in _STREAMS
+    def _alarms_of(self, name: str) -> _StreamAlarms:
+        what = f"the rates of {name} have another scale than its turn"
+        return _StreamAlarms(
+            steps=self._alarm_spec(f"{name} steps", "alarm", f"{name} does not turn as its rates say", self._delays),
+            slope=self._alarm_spec(f"{name} slope", "warning", what, self._slow, unit="1"),
         )
-        slopes = (
-            AlarmSpec(
-                f"{name} slope", "warning", f"the rates of {name} have another scale than its turn", self._slow, "1"
-            )
-            for name in _STREAMS
-        )
-        return *steps, *slopes
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
@@ -79,7 +80,7 @@ class Kinematics(Check):
         kin = np.concatenate([steps.rate_residual_rad for steps, _ in both])[arrival]
         usable = np.concatenate(told)[arrival] & np.concatenate(reported)[arrival]
         self._watch(t_us, kin, np.isfinite(kin) & usable)
-        for k, ((steps, frame_index), name, sums) in enumerate(zip(both, _STREAMS, self._sums, strict=True)):
+        for k, ((steps, frame_index), alarms, sums) in enumerate(zip(both, self._alarms, self._sums, strict=True)):
             if not len(steps):
                 continue
             # A lone step that the rates deny is a reset of the estimator: it has no vote.
@@ -94,11 +95,11 @@ class Kinematics(Check):
             )[rows]
             detail = along((steps.turn_b_rad - by_rates)[rows])
             rating = rated(steps.t1_us[rows], frame_index[rows], value, steps.limit_rad[rows], self._delays, detail)
-            yield RatedSamples(f"{name} steps", rating)
-            yield from self._slope(name, sums, steps, frame_index, by_rates, usable & ~steps.contradicts_rates)
+            yield RatedSamples(alarms.steps, rating)
+            yield from self._slope(alarms.slope, sums, steps, frame_index, by_rates, usable & ~steps.contradicts_rates)
 
     def _slope(
-        self, name: str, sums: SlidingSums, steps: Steps, frame_index: Int64s, by_rates: Floats, usable: Mask
+        self, spec: AlarmSpec, sums: SlidingSums, steps: Steps, frame_index: Int64s, by_rates: Floats, usable: Mask
     ) -> Iterator[RatedSamples]:
         """Turn over rate, per body axis, by least squares over the last seconds."""
         settings = self._settings
@@ -123,7 +124,7 @@ class Kinematics(Check):
         off = off[rows]
         value = np.maximum(np.maximum(off[:, 0], off[:, 1]), off[:, 2])
         yield RatedSamples(
-            f"{name} slope",
+            spec,
             rated(steps.t1_us[rows], frame_index[rows], value, 1.0, self._slow, along(np.maximum(off - 1.0, 0.0))),
         )
 

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from gcs_bridge import attitude
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import RatedSamples
 from gcs_bridge.checks.base import Check, length
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.settings import MagHeadingSettings
@@ -29,15 +29,10 @@ class MagHeading(Check):
     ok_text: ClassVar[str] = "followed for information: it raises no alarm"
 
     def __init__(self, settings: MagHeadingSettings) -> None:
-        """Start with nothing judged."""
+        """Start with nothing judged; no alarm: a compass alone never decides."""
         super().__init__()
         self._settings = settings
         self._start()
-
-    @property
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """None: a compass alone never decides."""
-        return ()
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""

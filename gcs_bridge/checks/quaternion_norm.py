@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import RatedSamples
 from gcs_bridge.checks.base import Check, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.settings import AlarmSettings, QuaternionNormSettings
@@ -29,12 +29,8 @@ class QuaternionNorm(Check):
         super().__init__()
         self._settings = settings
         self._delays = delays
-
-    @property
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """A warning and an alarm."""
         what = "the norm of ATTITUDE_QUATERNION is not 1"
-        return AlarmSpec("warning", "warning", what, self._delays), AlarmSpec("alarm", "alarm", what, self._delays)
+        self.alarm_specs = self._warning, self._alarm = self._warning_and_alarm(what, delays, asks_doctor=True)
 
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate each finite quaternion, those without any attitude left included."""
@@ -44,8 +40,8 @@ class QuaternionNorm(Check):
         numbers = finite(q)
         self._watch(batch.quaternion.t_boot_us, off, numbers)
         t_us, frame_index = batch.quaternion.t_boot_us[numbers], batch.quaternion_frame_index[numbers]
-        for tier, limit in (("warning", self._settings.warning), ("alarm", self._settings.alarm)):
-            yield RatedSamples(tier, rated(t_us, frame_index, off[numbers], limit, self._delays))
+        for spec, limit in ((self._warning, self._settings.warning), (self._alarm, self._settings.alarm)):
+            yield RatedSamples(spec, rated(t_us, frame_index, off[numbers], limit, self._delays))
 
     def why_not(self) -> str:
         """Why nothing was judged."""

@@ -7,7 +7,7 @@ at any time. A second estimate that never agreed (without a compass its yaw does
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -54,6 +54,14 @@ class _Part:
         return agreed
 
 
+class _PartAlarms(NamedTuple):
+    """Of tilt or heading: a warning and an alarm in quiet flight; an alarm of gross differences at any time."""
+
+    warning: AlarmSpec
+    alarm: AlarmSpec
+    gross: AlarmSpec
+
+
 class SecondaryEstimate(Check):
     """The check over one vehicle."""
 
@@ -71,23 +79,19 @@ class SecondaryEstimate(Check):
         self._gross = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.gross_s)
         self._came = False
         self._never = {"tilt": True, "heading": True}
+        self._alarms = {part: self._alarms_of(part) for part in ("tilt", "heading")}
+        fine = (spec for alarms in self._alarms.values() for spec in (alarms.warning, alarms.alarm))
+        self.alarm_specs = *fine, *(alarms.gross for alarms in self._alarms.values())
         self._start()
 
-    @property
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """In quiet flight a warning and an alarm of each part; an alarm of gross differences at any time."""
-        fine = (
-            AlarmSpec(f"{part} {severity}", severity, f"the second estimate (AHRS2) has another {part}", self._delays)
-            for part in ("tilt", "heading")
-            for severity in ("warning", "alarm")
+    def _alarms_of(self, part: str) -> _PartAlarms:
+        what = f"the second estimate (AHRS2) has another {part}"
+        gross = f"the second estimate (AHRS2) has a wholly different {part}"
+        return _PartAlarms(
+            warning=self._alarm_spec(f"{part} warning", "warning", what, self._delays),
+            alarm=self._alarm_spec(f"{part} alarm", "alarm", what, self._delays),
+            gross=self._alarm_spec(f"{part} gross", "alarm", gross, self._gross),
         )
-        gross = (
-            AlarmSpec(
-                f"{part} gross", "alarm", f"the second estimate (AHRS2) has a wholly different {part}", self._gross
-            )
-            for part in ("tilt", "heading")
-        )
-        return *fine, *gross
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
@@ -131,17 +135,16 @@ class SecondaryEstimate(Check):
         ):
             agreed = self._parts[part].has_agreed(t_us, angle, settings)
             self._never[part] &= not self._parts[part].agreed
-            for kind, limit, where, delays in (
-                ("warning", limits[0], judged & agreed, self._delays),
-                ("alarm", limits[1], judged & agreed, self._delays),
-                ("gross", settings.gross_rad, agreed, self._gross),
+            alarms = self._alarms[part]
+            for spec, limit, where in (
+                (alarms.warning, limits[0], judged & agreed),
+                (alarms.alarm, limits[1], judged & agreed),
+                (alarms.gross, settings.gross_rad, agreed),
             ):
                 at = np.flatnonzero(where & np.isfinite(angle))
                 limits_at = limit + bound[at]
                 detail = between_attitudes(angle[at] > limits_at, first[at], second[at])
-                yield RatedSamples(
-                    f"{part} {kind}", rated(t_us[at], frame_index[at], angle[at], limits_at, delays, detail)
-                )
+                yield RatedSamples(spec, rated(t_us[at], frame_index[at], angle[at], limits_at, spec.delays, detail))
 
     def _with_quiet(self, track: Track) -> Track:
         """The attitudes, each with the seconds since it was last turning fast or banked."""

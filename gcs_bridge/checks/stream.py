@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from statistics import median
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -169,6 +169,15 @@ def _at_deadlines(silences: list[StreamChange], delays: AlarmSettings) -> Rated:
     return rated(t_us, np.array([turn.frame_index for turn in silences], np.int64), silent_s, 0.0, delays)
 
 
+class _StreamAlarms(NamedTuple):
+    """Of one stream: silent, frozen, without numbers, slow."""
+
+    silent: AlarmSpec
+    frozen: AlarmSpec
+    invalid: AlarmSpec
+    slow: AlarmSpec
+
+
 class StreamCheck(Check):
     """The check over one vehicle."""
 
@@ -185,24 +194,22 @@ class StreamCheck(Check):
         self._settings = settings
         self._delays = delays
         self._at_once = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=0.0)
+        self._alarms = tuple(self._alarms_of(name) for name in _STREAMS)
+        self.alarm_specs = tuple(spec for alarms in self._alarms for spec in alarms)
         self._start()
 
-    @property
-    def alarm_specs(self) -> tuple[AlarmSpec, ...]:
-        """For each stream: silent, frozen, without numbers, slow."""
-        return tuple(
-            tier
-            for name in _STREAMS
-            for tier in (
-                AlarmSpec(
-                    f"{name} silent", "alarm", f"{name} stopped, while the vehicle is still heard", self._at_once
-                ),
-                AlarmSpec(f"{name} frozen", "alarm", f"{name} is frozen: the same attitude on and on", self._at_once),
-                AlarmSpec(f"{name} invalid", "alarm", f"{name} carries NaN or infinity", self._delays, "1"),
-                AlarmSpec(
-                    f"{name} slow", "warning", f"{name} comes at less than half of its usual rate", self._at_once, "1"
-                ),
-            )
+    def _alarms_of(self, name: str) -> _StreamAlarms:
+        at_once = self._at_once
+        stopped = f"{name} stopped, while the vehicle is still heard"
+        frozen = f"{name} is frozen: the same attitude on and on"
+        slow = f"{name} comes at less than half of its usual rate"
+        return _StreamAlarms(
+            silent=self._alarm_spec(f"{name} silent", "alarm", stopped, at_once),
+            frozen=self._alarm_spec(f"{name} frozen", "alarm", frozen, at_once),
+            invalid=self._alarm_spec(
+                f"{name} invalid", "alarm", f"{name} carries NaN or infinity", self._delays, unit="1"
+            ),
+            slow=self._alarm_spec(f"{name} slow", "warning", slow, at_once, unit="1"),
         )
 
     def start_boot(self) -> None:
@@ -222,23 +229,23 @@ class StreamCheck(Check):
         sent = [say.frame_index for say in batch.statements if isinstance(say, ParameterSet)]
         self._transfers = np.concatenate((self._transfers, np.array(sent, np.int64)))[-1000:]
         least = self._least_periods(batch)
-        for k, (name, stream) in enumerate(zip(_STREAMS, self._streams, strict=True)):
+        for k, (alarms, stream) in enumerate(zip(self._alarms, self._streams, strict=True)):
             samples, frame_index = sides[k]
-            yield RatedSamples(f"{name} silent", stream.silent(k, batch, least, self._transfers, self._at_once))
+            yield RatedSamples(alarms.silent, stream.silent(k, batch, least, self._transfers, self._at_once))
             if len(samples):
                 same_s, moved = stream.frozen(samples, frame_index, *sides[1 - k])
                 value = np.where(moved, same_s, 0.0)
                 frozen = rated(
                     samples.t_boot_us, frame_index, value, self._settings.frozen_after_s * 0.999, self._at_once
                 )
-                yield RatedSamples(f"{name} frozen", frozen)
+                yield RatedSamples(alarms.frozen, frozen)
                 invalid = np.where(finite(samples.q_nb), 0.0, 1.0)
-                yield RatedSamples(f"{name} invalid", rated(samples.t_boot_us, frame_index, invalid, 0.5, self._delays))
+                yield RatedSamples(alarms.invalid, rated(samples.t_boot_us, frame_index, invalid, 0.5, self._delays))
                 windows = np.array(list(stream.slow(samples, frame_index, self._transfers))).reshape(-1, 3)
                 share = 1.0 / np.maximum(windows[:, 2], 1e-3)
                 at = windows[:, 1].astype(np.int64)
                 slow = rated(windows[:, 0].astype(np.int64), at, share, 1.0 / self._settings.slow_below, self._at_once)
-                yield RatedSamples(f"{name} slow", slow)
+                yield RatedSamples(alarms.slow, slow)
             stream.hear_other(sides[1 - k][0])
         frame_indices = np.concatenate([frame_index for _, frame_index in sides])
         arrival = np.argsort(frame_indices, kind="stable")
@@ -255,10 +262,10 @@ class StreamCheck(Check):
 
     def silent(self, turns: list[StreamChange]) -> Iterator[RatedSamples]:
         """Rate silences that were found on receive time, while no timed message came."""
-        for k, name in enumerate(_STREAMS):
+        for k, alarms in enumerate(self._alarms):
             found = _silences(turns, k)
             if found:
-                yield RatedSamples(f"{name} silent", _at_deadlines(found, self._at_once))
+                yield RatedSamples(alarms.silent, _at_deadlines(found, self._at_once))
 
     def _least_periods(self, batch: CheckBatch) -> Floats:
         """How many periods of silence mean something, by the share of the vehicle's frames that was lost of late."""

@@ -41,15 +41,6 @@ from gcs_bridge.telemetry.stream_liveness import OTHER, StreamChange, Timeline
 STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
 US_PER_S = 1e6
 _FIXED_WING = ("fixed_wing",)  # MAV_TYPE; what hovers too is told by its VTOL types
-# The alarms about which the doctor is asked: check and tier.
-_ASKED = frozenset(
-    {
-        ("euler_quaternion", "pairs"),
-        ("euler_quaternion", "mean"),
-        ("quaternion_norm", "alarm"),
-        ("quaternion_norm", "warning"),
-    }
-)
 _TRIMS = ("AHRS_TRIM_X", "AHRS_TRIM_Y")
 _MOST_NEWS = 10_000  # statements that can wait for a message with a time
 
@@ -69,7 +60,9 @@ class VehicleJudge:
         self._checks = all_checks(settings)
         self._euler_quaternion = next(check for check in self._checks if isinstance(check, EulerQuaternion))
         self._stream_check = next(check for check in self._checks if isinstance(check, StreamCheck))
-        self.alarm_manager = AlarmManager(vehicle, self._checks, settings.alarm)
+        self.alarm_manager = AlarmManager(
+            vehicle, (spec for check in self._checks for spec in check.alarm_specs), settings.alarm
+        )
         self._expected = Expected()
         self._news: list[Statement] = []  # that came behind the last message with a time
         self._trims_told: list[ParameterSet] = []  # that are not among the trims yet
@@ -110,8 +103,7 @@ class VehicleJudge:
         if turns:
             notices, signals = self._turns(boot, turns, link)
             yield from notices
-            silent = [(self._stream_check, found) for found in self._stream_check.silent(turns)]
-            yield from self.alarm_manager.feed(silent, signals, link)
+            yield from self.alarm_manager.feed(self._stream_check.silent(turns), signals, link)
 
     def _heard_on(self, turns: list[StreamChange], link: LinkClock) -> list[StreamChange]:
         """The same without silences of streams in which the whole vehicle was silent."""
@@ -251,7 +243,7 @@ class VehicleJudge:
         for reset in boot.resets.take(flight.steps, flight.step_frame_index):
             boot.diagnosis_cases.reset_at(reset.frame_index, reset.t1_us)
             yield self._reset_notice(boot, reset, link)
-        ratings = [(check, found) for check in self._checks for found in check.judge(flight)]
+        ratings = [found for check in self._checks for found in check.judge(flight)]
         notices, broken = self._breaks(boot, link)
         yield from notices
         found = self._euler_quaternion.found
@@ -283,14 +275,11 @@ class VehicleJudge:
 
     def _ask(self, boot: Boot, moment: AlarmTransition, link: LinkClock) -> Iterator[Notice]:
         """Ask the doctor about an alarm that is raised, or goes."""
-        if (moment.record.check, moment.tier) not in _ASKED:
+        if not moment.spec.asks_doctor:
             return
         name = moment.record.id
         if moment.what == "raised":
-            onset_us = moment.onset_us
-            if moment.tier == "mean":  # the mean had to grow first
-                settings = self._settings.euler_quaternion
-                onset_us -= round((settings.mean_window_s + settings.mean_hold_s) * 1e6)
+            onset_us = moment.onset_us - round(moment.spec.onset_lead_s * 1e6)
             boot.asked[name] = moment.record
             boot.diagnosis_cases.open(name, onset_us, moment.t_boot_us)
             yield from self._answer(boot, name, moment.frame_index, moment.t_boot_us, link)
@@ -401,7 +390,8 @@ class VehicleJudge:
             for check in self._checks:
                 has = boot.has_sources(check)
                 if has != (check.name in had) or (turn.what == "missing" and not has):
-                    signals.append(SignalAt(turn.frame_index, check.name, Signal.FOUND if has else Signal.LOST))
+                    signal = Signal.FOUND if has else Signal.LOST
+                    signals.append(SignalAt(frame_index=turn.frame_index, check=check.name, signal=signal))
             if turn.what in ("missing", "stale") and not boot.no_compare_told:
                 boot.no_compare_told = True
                 silent = "was never received" if turn.what == "missing" else "is silent"
@@ -423,7 +413,7 @@ class VehicleJudge:
                 if one.broken:
                     told["reason"] = check.broken
                 notices.append(Notice(one.frame_index, told))
-                signals.append(SignalAt(one.frame_index, check.name, signal))
+                signals.append(SignalAt(frame_index=one.frame_index, check=check.name, signal=signal))
         return notices, signals
 
     def _check_entry(self, check: Check, autopilot: str) -> dict[str, Any]:

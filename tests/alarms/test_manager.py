@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs_bridge import Monitor
-from gcs_bridge.alarms.grouping import Announcer
+from gcs_bridge.alarms.grouping import RaiseGrouping
 from gcs_bridge.alarms.record import axis_of
 from gcs_bridge.alarms.state import TRANSITIONS, Alarm, Signal
 from gcs_bridge.alarms.state import State as Standing
@@ -216,8 +216,8 @@ def test_ten_of_any_within_ten_minutes_are_a_flood() -> None:
 
 
 def grouped(*raises: tuple[float, str]) -> list[str | None]:
-    announcer = Announcer(AlarmSettings())
-    return [announcer.group(name, round(t_s * 1e6)) for t_s, name in raises]
+    grouping = RaiseGrouping(AlarmSettings())
+    return [grouping.group(name, round(t_s * 1e6)) for t_s, name in raises]
 
 
 def test_where_the_borders_of_groups_are() -> None:
