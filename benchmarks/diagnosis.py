@@ -36,6 +36,7 @@ import numpy as np
 
 import gcs_bridge
 from gcs_bridge import Monitor, diagnosis
+from gcs_bridge.contract import plain
 from gcs_bridge.diagnosis import Diagnosis, Window, diagnose, diagnose_norm
 from gcs_bridge.diagnosis.causes import CAUSES
 from gcs_bridge.recordings.faults import Fault, parse_fault
@@ -209,7 +210,7 @@ def _answer(fault: Fault, trim: Named, sent: oracle.Sent, window: Window | None,
     if window is not None:
         times_us = np.concatenate((window.euler.t_boot_us, window.quaternion.t_boot_us))
         begin_s, end_s = times_us.min() / 1e6, times_us.max() / 1e6
-    entry = found.entry()
+    entry = plain(found.entry())
     outcome = _outcome(fault, trim, found, sent, sent.between(begin_s, end_s))
     told = f"{entry['cause']} {entry['value']} {entry['confidence']} {entry['candidates']}"
     return Answer(outcome, entry, f"by {end_s - begin_s:.1f} s: {told}")

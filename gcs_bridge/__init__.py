@@ -12,14 +12,14 @@ from gcs_bridge._version import __version__
 
 if TYPE_CHECKING:
     from gcs_bridge import attitude
-    from gcs_bridge.judging.monitor import Monitor
+    from gcs_bridge.api import Monitor
     from gcs_bridge.recordings.check import check
     from gcs_bridge.recordings.read import read
 
 __all__ = ["Monitor", "__version__", "attitude", "check", "read"]
 
 _HOME = {
-    "Monitor": "gcs_bridge.judging.monitor",
+    "Monitor": "gcs_bridge.api",
     "check": "gcs_bridge.recordings.check",
     "read": "gcs_bridge.recordings.read",
 }

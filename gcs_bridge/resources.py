@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from gcs_bridge.errors import UsageError
 
-__all__ = ["config_folder", "demo_recording"]
+__all__ = ["config_folder", "demo_recording", "json_schema"]
 
 _PACKAGE = Path(__file__).parent
 
@@ -19,6 +20,11 @@ def config_folder() -> Path:
 def demo_recording() -> Path:
     """The bundled recording of a simulated copter that flies a square; its two attitude messages agree."""
     return _shipped(in_wheel="demo.tlog", in_checkout="sitl_fixtures/a_copter_square.tlog")
+
+
+def json_schema(of: Literal["report", "event"]) -> Path:
+    """The JSON Schema (draft 2020-12) of a report, or of one event."""
+    return _PACKAGE / "schema" / f"{of}.json"
 
 
 def _shipped(*, in_wheel: str, in_checkout: str) -> Path:

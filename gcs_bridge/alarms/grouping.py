@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Hashable
 from dataclasses import dataclass
 
+from gcs_bridge.contract import Grouped
 from gcs_bridge.settings import AlarmSettings
 
 
@@ -28,7 +29,7 @@ class RaiseGrouping:
         times = [*(t_us for t_us, raised in self._raises if raised == alarm), t_boot_us]
         return _within(times, rules.repeat_s) > 1 or _within(times, rules.chatter_window_s) >= rules.chatter_raises
 
-    def group(self, alarm: Hashable, t_boot_us: int) -> str | None:
+    def group(self, alarm: Hashable, t_boot_us: int) -> Grouped | None:
         """Take a raise of an alarm; tell what it is part of, None: it stands alone."""
         rules = self.settings
         self._raises.append((t_boot_us, alarm))

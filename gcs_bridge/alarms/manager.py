@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, Literal, NamedTuple
 
@@ -20,8 +20,21 @@ from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.alarms.slot import AlarmSlot
 from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.alarms.state import PENDING, STANDING, AnnouncementSignal, Change, Signal, State
+from gcs_bridge.contract import Diagnosis
 from gcs_bridge.errors import UsageError
-from gcs_bridge.events import Notice, make_event, utc
+from gcs_bridge.events import (
+    AlarmAcknowledged,
+    AlarmCleared,
+    AlarmEvent,
+    AlarmPending,
+    AlarmRaised,
+    AlarmShelved,
+    AlarmUnshelved,
+    DiagnosisMade,
+    Notice,
+    head,
+    utc,
+)
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
@@ -90,8 +103,8 @@ class AlarmManager:
         """The boot is over, and with it alarms that were never seen to go: their `cleared_boot_s` stays unknown."""
         for slot in self._slots:
             if slot.record is not None and slot.stands and not slot.is_suppressed:
-                head = make_event("alarm_cleared", self._vehicle, self._boot, t_boot_us, t_rx_us)
-                yield Notice(frame_index, head | asdict(slot.record) | {"reason": "reboot"})
+                at = _At(frame_index, t_rx_us)
+                yield self._notice(AlarmCleared, slot.record, t_boot_us, at, reason="reboot")
 
     def pending(self, check: str) -> bool:
         """Whether an alarm of this check waits for its delay."""
@@ -170,7 +183,7 @@ class AlarmManager:
         slot.record = self._new_record(slot.spec, slot.numbered if again else slot.numbered + 1)
         if not self._is_said_already(slot) and not slot.is_shelved:
             slot.record.show(change.worst)
-            yield self._notice("alarm_pending", slot.record, change.t_boot_us, at)
+            yield self._notice(AlarmPending, slot.record, change.t_boot_us, at)
 
     def _raise(self, slot: AlarmSlot, change: Change, at: _At, ask: Ask) -> Iterator[Notice]:
         """The delay has run out, or what suppressed it has gone."""
@@ -194,7 +207,7 @@ class AlarmManager:
         record.grouped = grouped or record.grouped
         record.show(change.worst)
         if not slot.is_shelved:
-            yield self._notice("alarm_raised", record, change.t_boot_us, at)
+            yield self._notice(AlarmRaised, record, change.t_boot_us, at)
         yield from ask(_transition(slot, "raised", change, at))
 
     def _clear(self, slot: AlarmSlot, change: Change, at: _At, ask: Ask) -> Iterator[Notice]:
@@ -204,7 +217,7 @@ class AlarmManager:
             slot.record.cleared_boot_s = change.t_boot_us / 1e6
             yield from ask(_transition(slot, "goes", change, at))
             if not slot.is_shelved:
-                yield self._notice("alarm_cleared", slot.record, change.t_boot_us, at)
+                yield self._notice(AlarmCleared, slot.record, change.t_boot_us, at)
         slot.record = None
         slot.announce(AnnouncementSignal.RELEASE)
 
@@ -223,8 +236,8 @@ class AlarmManager:
         )
 
     def _new_record(self, spec: AlarmSpec, number: int) -> AlarmRecord:
-        return AlarmRecord(
-            id=f"{self._vehicle.name}-{spec.id_part}-{self._boot}-{number}",
+        return AlarmRecord.new(
+            alarm_id=f"{self._vehicle.name}-{spec.id_part}-{self._boot}-{number}",
             check=spec.check,
             severity=spec.severity,
             boot=self._boot,
@@ -234,18 +247,21 @@ class AlarmManager:
         )
 
     def diagnosis(
-        self, record: AlarmRecord, entry: dict[str, Any], frame_index: int, t_boot_us: int, t_rx_us: int
+        self, record: AlarmRecord, entry: Diagnosis, frame_index: int, t_boot_us: int, t_rx_us: int
     ) -> Iterator[Notice]:
         """The doctor's answer about an alarm: the record keeps it, and an event tells what is new in it."""
         before, record.diagnosis = record.diagnosis, entry
         if before is not None and _gist(before) == _gist(entry):
             return
-        head = make_event("diagnosis", self._vehicle, record.boot, t_boot_us, t_rx_us, check=record.check)
-        yield Notice(frame_index, head | {"id": record.id, "severity": record.severity, "diagnosis": entry})
+        where = head(self._vehicle, record.boot, t_boot_us, t_rx_us, record.check)
+        told = DiagnosisMade(**where, id=record.id, severity=record.severity, diagnosis=entry)
+        yield Notice(frame_index, told)
 
-    def _notice(self, event: str, record: AlarmRecord, t_boot_us: int | None, at: _At) -> Notice:
-        head = make_event(event, self._vehicle, record.boot, t_boot_us, at.t_rx_us)
-        return Notice(at.frame_index, head | asdict(record))
+    def _notice(
+        self, kind: type[AlarmEvent], record: AlarmRecord, t_boot_us: int | None, at: _At, **more: Any
+    ) -> Notice:
+        where = head(self._vehicle, record.boot, t_boot_us, at.t_rx_us, record.check)
+        return Notice(at.frame_index, kind(**where, **record.told(), **more))
 
     # What people say to alarms; times are receive times.
 
@@ -261,7 +277,7 @@ class AlarmManager:
         if slot is not None:
             _, slot.state = slot.alarm.signal(Signal.ACKNOWLEDGE)
         record.acknowledged = True
-        yield self._notice("alarm_acknowledged", record, None, _At(frame_index, t_rx_us))
+        yield self._notice(AlarmAcknowledged, record, None, _At(frame_index, t_rx_us))
 
     def shelve(self, alarm_id: str, frame_index: int, t_rx_us: int, duration_s: float) -> Iterator[Notice]:
         """Tell nothing of this alarm for a time."""
@@ -272,9 +288,8 @@ class AlarmManager:
             raise UsageError(f"duration_s = {duration_s}: must be above 0")
         slot.announce(AnnouncementSignal.SHELVE)
         self._shelf[slot] = t_rx_us + round(duration_s * 1e6)
-        notice = self._notice("alarm_shelved", record, None, _At(frame_index, t_rx_us))
-        notice.event["until_utc"] = utc(self._shelf[slot])
-        yield notice
+        at = _At(frame_index, t_rx_us)
+        yield self._notice(AlarmShelved, record, None, at, until_utc=utc(self._shelf[slot]))
 
     def unshelve(self, alarm_id: str, frame_index: int, t_rx_us: int) -> Iterator[Notice]:
         """Tell of this alarm again."""
@@ -307,9 +322,9 @@ class AlarmManager:
         return self._shelf.pop(slot)
 
     def _unshelved(self, slot: AlarmSlot, record: AlarmRecord, at: _At) -> Iterator[Notice]:
-        yield self._notice("alarm_unshelved", record, None, at)
+        yield self._notice(AlarmUnshelved, record, None, at)
         if slot.record is not None and slot.stands:  # and nobody was told of this
-            yield self._notice("alarm_raised", slot.record, None, at)
+            yield self._notice(AlarmRaised, slot.record, None, at)
 
     def _of(self, alarm_id: str) -> tuple[AlarmSlot | None, AlarmRecord]:
         for slot in self._slots:
@@ -334,8 +349,8 @@ def _transition(slot: AlarmSlot, what: Literal["raised", "goes", "told"], change
     )
 
 
-def _gist(diagnosis: dict[str, Any]) -> tuple[Any, ...]:
+def _gist(diagnosis: Diagnosis) -> tuple[Any, ...]:
     """What a diagnosis says, its value to the digits that matter."""
-    value = diagnosis["value"]
-    rounded = [round(number, 1) for number in (value if isinstance(value, list) else [value] if value else [])]
-    return diagnosis["causes"], diagnosis["candidates"], diagnosis["confidence"], diagnosis["side"], rounded
+    value = diagnosis.value
+    rounded = [round(number, 1) for number in (value if isinstance(value, tuple) else [value] if value else [])]
+    return diagnosis.causes, diagnosis.candidates, diagnosis.confidence, diagnosis.side, rounded

@@ -3,59 +3,68 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import asdict
 
 from gcs_bridge.alarms.rated import Worst
+from gcs_bridge.contract import Alarm, Severity, known
 
 _NAMED_ABOVE = 0.9  # share of a turn along an axis, from which on the axis is named
 
 
-@dataclass
-class AlarmRecord:
-    """One alarm, as the contract's report and events show it; angles in degrees, rates in degrees a second.
+class AlarmRecord(Alarm, kw_only=True):
+    """One alarm while it is followed; `check`, … as `Alarm` has them."""
 
-    `what` it says and `is_not` what it is no sign of; `axis` where the difference lies; `repeats` counts further raises
-    that belong to it, `grouped` says why ("repeat", "chatter", "flood").
-    """
+    @classmethod
+    def new(
+        cls, *, alarm_id: str, check: str, severity: Severity, boot: int, what: str, is_not: str, unit: str = "deg"
+    ) -> AlarmRecord:
+        """An alarm of which nothing has been seen yet."""
+        return cls(
+            id=alarm_id,
+            check=check,
+            severity=severity,
+            boot=boot,
+            what=what,
+            is_not=is_not,
+            raised_boot_s=None,
+            cleared_boot_s=None,
+            raised_utc=None,
+            unit=unit,
+            peak=0.0,
+            axis=None,
+            tilt=None,
+            heading=None,
+            rotvec_body=None,
+            repeats=0,
+            grouped=None,
+            acknowledged=False,
+            diagnosis=None,
+        )
 
-    id: str
-    check: str
-    severity: str
-    boot: int
-    what: str
-    is_not: str
-    raised_boot_s: float | None = None
-    cleared_boot_s: float | None = None
-    raised_utc: str | None = None
-    unit: str = "deg"
-    peak: float = 0.0
-    axis: str | None = None
-    tilt: float | None = None
-    heading: float | None = None
-    rotvec_body: list[float] | None = None
-    repeats: int = 0
-    grouped: str | None = None
-    acknowledged: bool = False
-    diagnosis: dict[str, Any] | None = None
+    def entry(self) -> Alarm:
+        """As it is now, for the report."""
+        return Alarm(**asdict(self))
+
+    def told(self) -> dict[str, Any]:
+        """As it is now: the fields of an `AlarmEvent` behind its head."""
+        fields = asdict(self)
+        del fields["boot"], fields["check"]  # which stand in the head
+        return fields
 
     def show(self, worst: Worst) -> None:
         """Take the peak of the excursion, and what came with it."""
         scale = math.degrees(1.0) if self.unit.startswith("deg") else 1.0
         if worst.value * scale < self.peak:
             return
-        self.peak = worst.value * scale
-        tilt, heading, *rotvec = np.degrees(worst.detail).tolist()
-        self.tilt, self.heading = _known(tilt), _known(heading)
-        self.rotvec_body = None if math.isnan(rotvec[0]) else rotvec
+        self.peak = float(worst.value * scale)
+        tilt, heading, x, y, z = np.degrees(worst.detail).tolist()
+        self.tilt, self.heading = known(tilt), known(heading)
+        self.rotvec_body = None if math.isnan(x) else (x, y, z)
         self.axis = axis_of(worst.detail)
-
-
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else value
 
 
 def axis_of(detail: npt.NDArray[np.float64]) -> str | None:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from gcs_bridge.alarms.rated import Rated
+from gcs_bridge.contract import Severity
 from gcs_bridge.settings import AlarmSettings
-
-Severity = Literal["warning", "alarm"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, TypedDict
 
 import numpy as np
 
 from gcs_bridge import attitude
 from gcs_bridge.alarms.rated import Rated
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples, Severity
+from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
 from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.contract import Distribution, Severity, known
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.telemetry.samples import finite
 
@@ -50,6 +51,18 @@ class Usable:
             if self.broken == is_known and (is_known or self._unknown >= _UNKNOWN_SAMPLES):
                 self.broken = not is_known
                 self.breaks.append(Break(int(frame_index[row]), int(t_us[row]), self.broken))
+
+
+class Numbers(TypedDict):
+    """The numbers of a check's entry in the report."""
+
+    coverage: float | None
+    pairs: int
+    same_instant: int | None
+    residual: Distribution
+    raw: Distribution
+    tilt: Distribution | None
+    heading: Distribution | None
 
 
 class Check(ABC):
@@ -103,9 +116,9 @@ class Check(ABC):
         """What else there is to say of a comparison that was judged."""
         return None
 
-    def numbers(self) -> dict[str, object]:
+    def numbers(self) -> Numbers:
         """The report's numbers, in the check's unit."""
-        residual = self.residual.summary(self.scale)
+        residual = self.distribution(self.residual)
         return {
             "coverage": min(self.judged_us / self.alive_us, 1.0) if self.alive_us > 0 else None,
             "pairs": self.judged,
@@ -115,6 +128,10 @@ class Check(ABC):
             "tilt": None,
             "heading": None,
         }
+
+    def distribution(self, values: Quantiles) -> Distribution:
+        """How large values are, in the check's unit."""
+        return Distribution(**{name: known(value) for name, value in values.summary(self.scale).items()})
 
     @property
     def scale(self) -> float:

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from gcs_bridge import attitude
 from gcs_bridge.alarms.spec import RatedSamples
-from gcs_bridge.checks.base import Check, length, rated
+from gcs_bridge.checks.base import Check, Numbers, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
 from gcs_bridge.checks.windows import SlidingSums
@@ -218,11 +218,13 @@ class EulerQuaternion(Check):
         """Why nothing was judged."""
         return f"only {self.judged} pairs could be judged"
 
-    def numbers(self) -> dict[str, object]:
+    def numbers(self) -> Numbers:
         """The report's numbers, in degrees."""
-        raw, tilt, heading = (q.summary(self.scale) for q in (self.raw, self.tilt, self.heading))
-        parts = {"same_instant": self.same_instant, "raw": raw, "tilt": tilt, "heading": heading}
-        return super().numbers() | parts
+        numbers = super().numbers()
+        numbers["same_instant"] = self.same_instant
+        numbers["raw"] = self.distribution(self.raw)
+        numbers["tilt"], numbers["heading"] = self.distribution(self.tilt), self.distribution(self.heading)
+        return numbers
 
 
 _CALM_US = 5_000_000  # without a bad pair, before the next one is a new onset

@@ -16,6 +16,7 @@ from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 
 if TYPE_CHECKING:  # loaded when there is something to judge
     from gcs_bridge.evidence.place import Folder
+    from gcs_bridge.report.schema import File
 
 __all__ = ["check", "find_recordings"]
 
@@ -83,7 +84,7 @@ def check(
 
     selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
 
-    def judge(recording: Path, progress: ProgressBar) -> dict[str, Any]:
+    def judge(recording: Path, progress: ProgressBar) -> File:
         if place is None:
             return check_file(recording, settings, **selected, progress=progress)
         from gcs_bridge.evidence.gather import Evidence
@@ -96,7 +97,7 @@ def check(
             complain(_evidence(recording, folder, count, gathered.left_out), kind="note")
         return entry
 
-    judged: list[dict[str, Any]] = []
+    judged: list[File] = []
     sizes = [_size(recording) for recording in recordings]
     with ProgressBar(total_bytes=sum(sizes), enabled=not quiet) as progress:
         for failure in failures:
@@ -109,7 +110,7 @@ def check(
                 complain(str(failure))
             progress.file_done(size)
 
-    report = Report(tuple(judged))
+    report = Report.of(judged)
     if judged:
         result = report.to_json() if form == "json" else report.to_text(detail=verbose - quiet)
         if output is not None:

@@ -11,7 +11,7 @@ import click
 
 from gcs_bridge.cli.live_run import LiveOptions, LiveRun, live_options, refuse_not_positive
 from gcs_bridge.cli.terminal import complain
-from gcs_bridge.events import Event
+from gcs_bridge.events import AlarmRaised, Event
 
 if TYPE_CHECKING:  # loaded when there is something to play
     from gcs_bridge.mavlink.scanner import RawFrame
@@ -45,10 +45,10 @@ def demo(duration_s: float, speed: float, **options: Any) -> int:
     frames, half_s = _flight(recording, duration_s * speed)
     lasts_s = (frames[-1].t_rx_us - frames[0].t_rx_us) / 1e6 / speed
     uri = NetworkUri("udpin", "127.0.0.1", _free_port())
-    raised: list[Event] = []
+    raised: list[AlarmRaised] = []
 
     def note_alarm(event: Event) -> None:
-        if event["event"] == "alarm_raised":
+        if isinstance(event, AlarmRaised):
             raised.append(event)
 
     complain(
@@ -96,10 +96,10 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def _what_was_seen(raised: list[Event], recording: str) -> str:
+def _what_was_seen(raised: list[AlarmRaised], recording: str) -> str:
     saw = "You saw a recorded flight, whose two attitudes are one"
     if raised:
-        saw += f"; then the fault {FAULT} in its quaternion,\nand its alarm: a difference of {raised[0]['peak']:.3g}°."
+        saw += f"; then the fault {FAULT} in its quaternion,\nand its alarm: a difference of {raised[0].peak:.3g}°."
     else:
         saw += ".\nThe fault was on for too short a time to raise its alarm: give it 10 s or more."
     return (

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from gcs_bridge.cli.terminal import complain, wants_colour
+from gcs_bridge.contract import readable
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event
 
@@ -137,7 +138,7 @@ class LiveRun:
         also_tell: Callable[[Event], None],
     ) -> int:
         from gcs_bridge.judging.monitor import Monitor
-        from gcs_bridge.links.loop import listen
+        from gcs_bridge.links.loop import link_name, listen
         from gcs_bridge.sinks.event_lines import event_json
         from gcs_bridge.sinks.tlog import TlogRecorder
 
@@ -163,12 +164,13 @@ class LiveRun:
         )
 
         def tell(event: Event) -> None:
+            link = link_name(event, links)
             if journal is not None:
-                journal.append(event_json(event))
+                journal.append(event_json(event, link))
             if sink is not None:
                 sink.event(event)
             also_tell(event)
-            self._show(event, tell_link=len(links) > 1)
+            self._show(event, link, tell_link=len(links) > 1)
 
         with beside():
             stop.patient = True
@@ -177,7 +179,7 @@ class LiveRun:
             )
         report = _named(monitor.close(), [link.name for link in links])
         self.print_result(report.to_text(detail=0 if options.verbose else -1))
-        if not any(entry["bytes"] for entry in report.files):
+        if not any(entry.bytes for entry in report.files):
             _note("nothing was received: does anything send here? gcs-bridge listens only, and never asks")
         if not links_left:
             complain("every link has ended")
@@ -188,16 +190,16 @@ class LiveRun:
         """Print a part of the result: on standard output, unless that carries JSON lines."""
         click.echo(text, nl=False, err=self._options.events == STDOUT)
 
-    def _show(self, event: Event, *, tell_link: bool) -> None:
+    def _show(self, event: Event, link: str, *, tell_link: bool) -> None:
         from gcs_bridge.files import write_stdout
         from gcs_bridge.sinks.event_lines import event_json, event_line, is_alarm, is_detail
 
         if self._options.events == STDOUT:
-            write_stdout(event_json(event).decode())
+            write_stdout(event_json(event, link).decode())
         elif is_alarm(event) or not (self._options.quiet or (is_detail(event) and not self._options.verbose)):
-            colour = _COLOURS.get(event["event"]) if self._colour else None
-            where = f"  ({event['link']})" if tell_link and event["vehicle"] else ""
-            click.secho(event_line(event) + where, fg=colour, bold=event["event"] == "alarm_raised", color=self._colour)
+            colour = _COLOURS.get(event.name) if self._colour else None
+            where = f"  ({link})" if tell_link and event.vehicle else ""
+            click.secho(event_line(event) + where, fg=colour, bold=event.name == "alarm_raised", color=self._colour)
 
     def _file(self, stack: ExitStack, path: Path) -> LiveFile:
         from gcs_bridge.sinks.file import LiveFile
@@ -224,9 +226,11 @@ def _warm_up(settings: Settings, dialect: str) -> None:
 
 def _named(report: Report, names: Sequence[str]) -> Report:
     """The report with each link under its URI."""
+    from msgspec.structs import replace
+
     from gcs_bridge.report import Report
 
-    return Report(tuple({**entry, "path": name} for entry, name in zip(report.files, names, strict=True)))
+    return Report.of(replace(entry, path=readable(name)) for entry, name in zip(report.files, names, strict=True))
 
 
 def _note(text: str) -> None:

@@ -135,8 +135,8 @@ def _show(
             raise UsageError(f"{path}: --at {moment:g} is past its end: {monitor.span_s:.1f} s in all")
         _note(f"{path}: no alarm was raised, so it is opened at its beginning")
     if not quiet:
-        click.echo(Report((entry,)).to_text(detail=-1), nl=False)
-    if not any(stream in vehicle["streams"] for vehicle in entry["vehicles"] for stream in _ATTITUDES):
+        click.echo(Report.of([entry]).to_text(detail=-1), nl=False)
+    if not any(stream in vehicle.streams for vehicle in entry.vehicles for stream in _ATTITUDES):
         return 4
     return 0
 

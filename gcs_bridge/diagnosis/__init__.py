@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
+from gcs_bridge import contract
+from gcs_bridge.contract import Confidence, known
 from gcs_bridge.diagnosis import wording as words
 from gcs_bridge.diagnosis.causes import CAUSES, Value
 from gcs_bridge.diagnosis.hypotheses import NO_MISTAKE, Hypothesis, Mistakes
@@ -23,8 +25,6 @@ from gcs_bridge.settings import AlignmentSettings
 from gcs_bridge.telemetry.samples import AttitudeSamples
 
 __all__ = ["Diagnosis", "Window", "diagnose", "diagnose_norm", "plain_attitude"]
-
-Confidence = Literal["certain", "probable", "unknown"]
 
 _MAX_CANDIDATES = 4
 _LEAST_S = 1.0  # of data, before a constant or a lag is certain
@@ -58,23 +58,23 @@ class Diagnosis:
         """One name, or two joined by +."""
         return "+".join(self.causes)
 
-    def entry(self) -> dict[str, Any]:
-        """As the contract's report shows it."""
+    def entry(self) -> contract.Diagnosis:
+        """As the report and the events show it."""
         told = [(name, value) for name, value in zip(self.causes, self.values, strict=True) if value]
         name, value = told[0] if told else ("", ())
-        return {
-            "cause": self.cause,
-            "causes": list(self.causes),
-            "confidence": self.confidence,
-            "distinguishable": len(self.candidates) == 1,
-            "candidates": list(self.candidates),
-            "side": self.side,
-            "value": value[0] if len(value) == 1 else list(value) or None,
-            "unit": (CAUSES[name].unit if name in CAUSES else "deg") or None if name else None,
-            "residual": self.residual_deg,
-            "next_best": self.next_best_deg,
-            "fix": self.fix,
-        }
+        return contract.Diagnosis(
+            cause=self.cause,
+            causes=self.causes,
+            confidence=self.confidence,
+            distinguishable=len(self.candidates) == 1,
+            candidates=self.candidates,
+            side=self.side,
+            value=float(value[0]) if len(value) == 1 else tuple(map(float, value)) or None,
+            unit=(CAUSES[name].unit if name in CAUSES else "deg") or None if name else None,
+            residual=known(self.residual_deg),
+            next_best=known(self.next_best_deg),
+            fix=self.fix,
+        )
 
 
 def diagnose(window: Window, alignment: AlignmentSettings | None = None) -> Diagnosis | None:

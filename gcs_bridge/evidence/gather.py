@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +11,10 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
+from msgspec.structs import asdict
 
 from gcs_bridge._version import __version__
+from gcs_bridge.contract import Alarm
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event
 from gcs_bridge.evidence.frames import frames_of
@@ -23,7 +25,7 @@ from gcs_bridge.judging.alarm_windows import AlarmWindow, AlarmWindows
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.recordings.source import open_recording
-from gcs_bridge.report import Report
+from gcs_bridge.report.schema import File, Vehicle
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.moment import save_moment
 
@@ -75,7 +77,7 @@ class Evidence:
         """Alarms without evidence, as there were too many."""
         return self._folder.left_out + self._moments.missed
 
-    def complete(self, entry: Mapping[str, Any]) -> int:
+    def complete(self, entry: File) -> int:
         """The recording is judged: write what is left; how many alarms there is evidence of. UsageError: it cannot be.
 
         `entry` is the recording's in the report.
@@ -85,24 +87,23 @@ class Evidence:
             return 0
         with _writing(self._folder.path):
             self._write_frames()
-            (plain,) = Report((dict(entry),)).to_dict()["files"]
-            index = [self._sum_up(plain, written) for written in self._written]
-            said = {"version": __version__, "recording": plain["path"], "bytes": plain["bytes"], "alarms": index}
+            index = [self._sum_up(entry, written) for written in self._written]
+            said = {"version": __version__, "recording": entry.path, "bytes": entry.bytes, "alarms": index}
             self._folder.complete(msgspec.json.format(msgspec.json.encode(said)))
         return len(self._written)
 
     def _write(self, moments: list[AlarmWindow]) -> None:
         for moment in moments:
             with _writing(self._folder.path):
-                path = self._folder.new(moment.alarm["id"])
+                path = self._folder.new(moment.alarm.id)
                 if path is None:
                     continue
                 tables = tables_of(moment)
                 for name, table in tables.items():
                     _save(table, path / f"{name}.parquet")
-                save_moment(moment, f"{self._folder.path.name} {moment.alarm['id']}", path / "moment.rrd")
+                save_moment(moment, f"{self._folder.path.name} {moment.alarm.id}", path / "moment.rrd")
             rows = {name: len(table) for name, table in tables.items()}
-            about = (moment.vehicle, moment.alarm["id"], (moment.first, moment.end), moment.events)
+            about = (moment.vehicle, moment.alarm.id, (moment.first, moment.end), moment.events)
             self._written.append(_Written(path, *about, rows))
 
     def _write_frames(self) -> None:
@@ -113,20 +114,20 @@ class Evidence:
                 _save(table, written.path / "frames.parquet")
                 written.rows["frames"] = len(table)
 
-    def _sum_up(self, entry: Mapping[str, Any], written: _Written) -> dict[str, Any]:
+    def _sum_up(self, entry: File, written: _Written) -> dict[str, Any]:
         """Write an alarm's summary; its entry in the index."""
         vehicle, alarm = _alarm_of(entry, written)
-        page = summary(entry["path"], vehicle, alarm, written.rows, written.events)
+        page = summary(entry.path, vehicle, alarm, written.rows, written.events)
         (written.path / "summary.md").write_text(page, encoding="utf-8")
-        return {"folder": written.path.name, "vehicle": list(written.vehicle.address), **alarm}
+        return {"folder": written.path.name, "vehicle": list(written.vehicle.address), **asdict(alarm)}
 
 
-def _alarm_of(entry: Mapping[str, Any], written: _Written) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+def _alarm_of(entry: File, written: _Written) -> tuple[Vehicle, Alarm]:
     """The vehicle's and the alarm's entry in the report."""
-    for vehicle in entry["vehicles"]:
-        if (vehicle["sysid"], vehicle["compid"]) == written.vehicle.address:
-            for alarm in vehicle["alarms"]:
-                if alarm["id"] == written.alarm_id:
+    for vehicle in entry.vehicles:
+        if (vehicle.sysid, vehicle.compid) == written.vehicle.address:
+            for alarm in vehicle.alarms:
+                if alarm.id == written.alarm_id:
                     return vehicle, alarm
     raise LookupError(written.alarm_id)
 

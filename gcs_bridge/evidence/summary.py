@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
 
+from gcs_bridge.contract import Alarm, Diagnosis, ExplainedBy
 from gcs_bridge.errors import one_line
-from gcs_bridge.events import Event
+from gcs_bridge.events import AlarmPending, Event
+from gcs_bridge.report.schema import Vehicle
 from gcs_bridge.report.verdicts import LABELS
 from gcs_bridge.report.wording import difference, quantity
 
 __all__ = ["summary"]
-
-_Entry = Mapping[str, Any]
 
 _HOLDS = {
     "attitude": "`ATTITUDE` as sent, and with what the firmware does on purpose undone (`q_nb_undone_…`)",
@@ -26,15 +25,15 @@ _HOLDS = {
 }
 
 
-def summary(recording: str, vehicle: _Entry, alarm: _Entry, rows: Mapping[str, int], events: Iterable[Event]) -> str:
+def summary(recording: str, vehicle: Vehicle, alarm: Alarm, rows: Mapping[str, int], events: Iterable[Event]) -> str:
     """The page, as Markdown. `alarm` is the report's entry, `rows` how many each table has, `events` the moment's."""
     return "\n".join(_lines(recording, vehicle, alarm, rows, list(events))) + "\n"
 
 
 def _lines(
-    recording: str, vehicle: _Entry, alarm: _Entry, rows: Mapping[str, int], events: list[Event]
+    recording: str, vehicle: Vehicle, alarm: Alarm, rows: Mapping[str, int], events: list[Event]
 ) -> Iterator[str]:
-    yield f"# {LABELS[alarm['severity']]}: {difference(alarm)}"
+    yield f"# {LABELS[alarm.severity]}: {difference(alarm)}"
     yield ""
     for what, said in _facts(recording, vehicle, alarm, events):
         yield f"- **{what}**: {one_line(said)}"
@@ -62,44 +61,44 @@ def _lines(
     yield "```"
 
 
-def _facts(recording: str, vehicle: _Entry, alarm: _Entry, events: list[Event]) -> Iterator[tuple[str, str]]:
-    yield "where", alarm["axis"] or "no axis: it is no turn, or about no one axis"
+def _facts(recording: str, vehicle: Vehicle, alarm: Alarm, events: list[Event]) -> Iterator[tuple[str, str]]:
+    yield "where", alarm.axis or "no axis: it is no turn, or about no one axis"
     yield "since when", _when(alarm, events)
-    yield from _cause(alarm["diagnosis"])
-    yield "this is", alarm["is_not"]
-    undone = next((check["explained_by"] for check in vehicle["checks"] if check["name"] == "euler_quaternion"), None)
+    yield from _cause(alarm.diagnosis)
+    yield "this is", alarm.is_not
+    undone = next((check.explained_by for check in vehicle.checks if check.name == "euler_quaternion"), None)
     if undone:
-        said = [f"{one['cause']} {_values(one)}{' (estimated)' if one['estimated'] else ''}" for one in undone]
+        said = [f"{one.cause} {_values(one)}{' (estimated)' if one.estimated else ''}" for one in undone]
         yield "made on purpose by the firmware, and undone before judging", ", ".join(said)
-    yield "vehicle", f"{vehicle['sysid']},{vehicle['compid']} {vehicle['autopilot']} {vehicle['type']}"
+    yield "vehicle", f"{vehicle.sysid},{vehicle.compid} {vehicle.autopilot} {vehicle.type}"
     yield "recording", recording
-    yield "alarm", alarm["id"]
+    yield "alarm", alarm.id
 
 
-def _when(alarm: _Entry, events: list[Event]) -> str:
-    first = [one["boot_s"] for one in events if one["event"] == "alarm_pending" and one["id"] == alarm["id"]]
-    utc = "" if alarm["raised_utc"] is None else f", {alarm['raised_utc']}"
-    said = f"raised at {alarm['raised_boot_s']:.2f} s of boot {alarm['boot']}{utc}"
+def _when(alarm: Alarm, events: list[Event]) -> str:
+    first = [one.boot_s for one in events if isinstance(one, AlarmPending) and one.id == alarm.id]
+    utc = "" if alarm.raised_utc is None else f", {alarm.raised_utc}"
+    said = f"raised at {alarm.raised_boot_s:.2f} s of boot {alarm.boot}{utc}"
     if first:
-        said = f"{first[0]:.2f} s of boot {alarm['boot']}; {said}"
-    cleared = alarm["cleared_boot_s"]
+        said = f"{first[0]:.2f} s of boot {alarm.boot}; {said}"
+    cleared = alarm.cleared_boot_s
     said += "; never seen to go" if cleared is None else f"; gone at {cleared:.2f} s"
-    return said + (f", raised {alarm['repeats']} more times ({alarm['grouped']})" if alarm["repeats"] else "")
+    return said + (f", raised {alarm.repeats} more times ({alarm.grouped})" if alarm.repeats else "")
 
 
-def _cause(diagnosis: _Entry | None) -> Iterator[tuple[str, str]]:
+def _cause(diagnosis: Diagnosis | None) -> Iterator[tuple[str, str]]:
     if diagnosis is None:
         return
-    value = "" if diagnosis["value"] is None else f" {_values(diagnosis)}"
-    side = "" if diagnosis["side"] is None else f", in message {diagnosis['side']}"
-    said = f"{diagnosis['cause']}{value}{side} ({diagnosis['confidence']})"
-    others = [cause for cause in diagnosis["candidates"] or () if cause != diagnosis["cause"]]
+    value = "" if diagnosis.value is None else f" {_values(diagnosis)}"
+    side = "" if diagnosis.side is None else f", in message {diagnosis.side}"
+    said = f"{diagnosis.cause}{value}{side} ({diagnosis.confidence})"
+    others = [cause for cause in diagnosis.candidates if cause != diagnosis.cause]
     yield "likely cause", said + (f"; not yet told apart from {', '.join(others)}" if others else "")
-    if diagnosis["fix"]:
-        yield "what to do", diagnosis["fix"]
+    if diagnosis.fix:
+        yield "what to do", diagnosis.fix
 
 
-def _values(cause: _Entry) -> str:
+def _values(cause: ExplainedBy | Diagnosis) -> str:
     """A cause's number, or its numbers."""
-    values = cause["value"] if isinstance(cause["value"], list | tuple) else [cause["value"]]
-    return " / ".join(quantity(value, cause["unit"] or "") for value in values)
+    values = cause.value if isinstance(cause.value, tuple) else (cause.value,)
+    return " / ".join(quantity(value, cause.unit or "") for value in values)

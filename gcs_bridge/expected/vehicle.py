@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
 from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.contract import ExplainedBy
 from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, VTOL_VIEW, Correction
 from gcs_bridge.expected.knowledge import FORWARD, HOVER, FirmwareConfig
 from gcs_bridge.expected.pairs import (
@@ -150,7 +150,7 @@ class Expected:
                 self._learn(what)
         return Corrected(q_nb, causes, untold, tuple(applied))
 
-    def explanations(self) -> list[dict[str, Any]]:
+    def explanations(self) -> list[ExplainedBy]:
         """The report's `explained_by`: what turned samples by more than 0.02°, in order of time."""
         return [self._entry(one) for one in self._explanations]
 
@@ -322,18 +322,18 @@ class Expected:
                 return
         self._explanations.append(new)
 
-    def _entry(self, one: _Explanation) -> dict[str, Any]:
-        values_deg = [round(math.degrees(value), 4) for value in one.values_rad]
+    def _entry(self, one: _Explanation) -> ExplainedBy:
+        values_deg = tuple(round(float(math.degrees(value)), 4) for value in one.values_rad)
         alternatives: list[str] = []
         if one.fitted and one.view.correction.values().get(one.cause) == one.values_rad:
             alternatives = one.view.alternatives()
-        return {
-            "cause": CAUSE_NAMES[one.cause],
-            "value": values_deg if len(values_deg) > 1 else values_deg[0],
-            "unit": "deg",
-            "estimated": one.fitted,
-            "alternatives": alternatives,
-        }
+        return ExplainedBy(
+            cause=CAUSE_NAMES[one.cause],
+            value=values_deg if len(values_deg) > 1 else values_deg[0],
+            unit="deg",
+            estimated=one.fitted,
+            alternatives=tuple(alternatives),
+        )
 
 
 def _norm(v: Floats) -> Floats:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from gcs_bridge.columns import Int64s
-from gcs_bridge.events import Event, vehicle_of
+from gcs_bridge.events import AlarmRaised, Event, vehicle_of
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.telemetry.batches import Ahrs2Batch, ImuBatch
 from gcs_bridge.telemetry.identity import VehicleId
@@ -51,7 +51,7 @@ class AlarmWindow:
     """
 
     vehicle: VehicleId
-    alarm: Event
+    alarm: AlarmRaised
     boot: int
     t_boot_us: int
     first: int
@@ -81,7 +81,7 @@ class AlarmWindows:
     def take(self, events: Iterable[Event]) -> list[AlarmWindow]:
         """Take the events that came of what was observed since the last call; return the moments that are over."""
         for event in events:
-            if event["vehicle"] and event["boot_s"] is not None:
+            if event.vehicle and event.boot_s is not None:
                 vehicle = self._vehicle(vehicle_of(event))
                 self.missed += not vehicle.hear(event)
         finished = [moment for vehicle in self._vehicles.values() for moment in vehicle.finished()]
@@ -109,7 +109,7 @@ class AlarmWindows:
 class _Open(NamedTuple):
     """A moment that is not over yet."""
 
-    alarm: Event
+    alarm: AlarmRaised
     boot: int
     t_boot_us: int
     since: int  # index up to which frames had come when it was opened
@@ -157,10 +157,11 @@ class _Vehicle:
     def hear(self, event: Event) -> bool:
         """Take an event; whether there was room for the moment that it may begin."""
         self._events.append(event)
-        if event["event"] != "alarm_raised" or event["repeats"]:
+        if not isinstance(event, AlarmRaised) or event.repeats:
             return True
         if len(self._open) < _MOST_OPEN:
-            self._open.append(_Open(event, event["boot"], round(event["boot_s"] * 1e6), self._frame_index))
+            assert event.boot is not None
+            self._open.append(_Open(event, event.boot, round(_boot_s(event) * 1e6), self._frame_index))
             return True
         return False
 
@@ -189,7 +190,7 @@ class _Vehicle:
             at,
             end,
             tuple(part for part in parts if any(len(of) for of in _frame_indices(part))),
-            tuple(event for event in self._events if event["boot"] == one.boot and begin_s <= event["boot_s"] <= end_s),
+            tuple(event for event in self._events if event.boot == one.boot and begin_s <= _boot_s(event) <= end_s),
             tuple(self._in_force(first, end)),
         )
 
@@ -258,9 +259,15 @@ class _Vehicle:
             self._others.append(said)
 
 
+def _boot_s(event: Event) -> float:
+    """When an event was that carries a boot time: others are not kept."""
+    assert event.boot_s is not None
+    return event.boot_s
+
+
 def _is_behind(event: Event, needed: Iterable[tuple[int, int, int]]) -> bool:
     """Whether an event lies behind any of these boots' times."""
-    return any(event["boot"] == boot and event["boot_s"] * 1e6 >= from_us for boot, from_us, _ in needed)
+    return any(event.boot == boot and _boot_s(event) * 1e6 >= from_us for boot, from_us, _ in needed)
 
 
 def _frame_indices(observation: Observation) -> list[Int64s]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.checks.base import Check
 from gcs_bridge.events import utc
@@ -11,6 +9,7 @@ from gcs_bridge.judging.diagnosis_cases import DiagnosisCases
 from gcs_bridge.judging.estimator_resets import Resets
 from gcs_bridge.pairing.pairs import Aligner
 from gcs_bridge.pairing.references import ImuLookup, PrimaryImu, ReferenceAttitude
+from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.stream_liveness import Liveness
 
@@ -41,11 +40,11 @@ class Boot:
             check.needs
         ]
 
-    def entry(self) -> dict[str, Any]:
+    def entry(self) -> schema.Boot:
         """The boot's entry in the report."""
-        return {
-            "index": self.index,
-            "first_boot_s": self.first_us / 1e6,
-            "last_boot_s": self.last_us / 1e6,
-            "start_utc": utc(self.start_rx_us),
-        }
+        return schema.Boot(
+            index=self.index,
+            first_boot_s=self.first_us / 1e6,
+            last_boot_s=self.last_us / 1e6,
+            start_utc=utc(self.start_rx_us),
+        )

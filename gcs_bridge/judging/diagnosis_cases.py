@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.contract import Diagnosis
 from gcs_bridge.expected import CAUSE_NAMES, Corrected
 from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.settings import Settings
@@ -59,7 +60,7 @@ class Answer(NamedTuple):
 
     frame_index: int
     t_boot_us: int
-    entry: dict[str, Any] | None
+    entry: Diagnosis | None
 
 
 @dataclass

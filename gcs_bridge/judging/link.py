@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.columns import Int64s
-from gcs_bridge.events import Event, Notice, Rank, in_order, make_event
+from gcs_bridge.contract import readable
+from gcs_bridge.events import Event, Notice, Rank, VehicleLost, VehicleSeen, head, in_order
 from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.vehicle import VehicleJudge
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import FRAME, Bytes, Frames
 from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
+from gcs_bridge.report import schema
 from gcs_bridge.report.verdicts import worst_verdict
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.batches import VehicleBatch
@@ -62,9 +63,8 @@ class LinkVehicle:
 
     def _turns(self, frame_indices: Int64s, link: LinkClock) -> Iterator[Notice]:
         for turn in self._presence.take(frame_indices, link):
-            event = make_event(
-                "vehicle_lost" if turn.lost else "vehicle_seen", self.reader.vehicle, None, None, turn.t_rx_us
-            )
+            kind = VehicleLost if turn.lost else VehicleSeen
+            event = kind(**head(self.reader.vehicle, None, None, turn.t_rx_us))
             yield Notice(turn.frame_index, event, Rank.IDENTITY)
 
     def _release(self, notices: list[Notice]) -> list[Notice]:
@@ -75,7 +75,7 @@ class LinkVehicle:
                 return []
             frame_index, t_rx_us = self.reader.seen
             self._seen = True
-            seen = make_event("vehicle_seen", self.reader.vehicle, 0, None, t_rx_us)
+            seen = VehicleSeen(**head(self.reader.vehicle, 0, None, t_rx_us))
             held = (
                 notice._replace(frame_index=max(notice.frame_index, frame_index))
                 for notice in in_order(self._held)
@@ -175,7 +175,7 @@ class Link:
         """Nothing follows."""
         return [] if self._datagrams else self.feed(b"", self._latest_rx_us, final=True)
 
-    def entry(self, name: str) -> dict[str, Any]:
+    def entry(self, name: str) -> schema.File:
         """The link's entry in the report."""
         vehicles = [
             vehicle.judge.entry(vehicle.reader)
@@ -183,13 +183,13 @@ class Link:
             if vehicle.reader.is_vehicle
         ]
         salvage = self._scanner.salvage
-        return {
-            "path": name,
-            "bytes": salvage.bytes,
-            "verdict": worst_verdict(vehicle["verdict"] for vehicle in vehicles),
-            "salvage": salvage_entry(salvage),
-            "vehicles": vehicles,
-        }
+        return schema.File(
+            path=readable(name),
+            bytes=salvage.bytes,
+            verdict=worst_verdict(vehicle.verdict for vehicle in vehicles),
+            salvage=salvage_entry(salvage),
+            vehicles=tuple(vehicles),
+        )
 
     def _judge(self, frames: Frames, buffer: Bytes) -> Iterator[Notice]:
         frame_indices = np.arange(self.frames, self.frames + len(frames))
@@ -237,18 +237,18 @@ def events_of(notices: Iterable[Notice]) -> list[Event]:
     return [notice.event for notice in in_order(notices)]
 
 
-def salvage_entry(salvage: Salvage) -> dict[str, Any]:
+def salvage_entry(salvage: Salvage) -> schema.Salvage:
     """What was read of a link or file and what was not, for the report."""
-    return {
-        "frames": salvage.frames,
-        "bad_crc": salvage.bad_crc,
-        "repaired_crc": salvage.repaired_crc,
-        "unverified": salvage.unverified,
-        "skipped_bytes": salvage.skipped_bytes,
-        "signed": salvage.signed,
-        "duplicates": salvage.duplicates,
-        "bad_times": salvage.bad_times,
-        "read_fraction": salvage.read_fraction,
-        "gap_count": salvage.gap_count,
-        "gaps": [{"offset": offset, "bytes": length} for offset, length in salvage.gaps],
-    }
+    return schema.Salvage(
+        frames=salvage.frames,
+        bad_crc=salvage.bad_crc,
+        repaired_crc=salvage.repaired_crc,
+        unverified=salvage.unverified,
+        skipped_bytes=salvage.skipped_bytes,
+        signed=salvage.signed,
+        duplicates=salvage.duplicates,
+        bad_times=salvage.bad_times,
+        read_fraction=salvage.read_fraction,
+        gap_count=salvage.gap_count,
+        gaps=tuple(schema.Gap(offset=offset, bytes=length) for offset, length in salvage.gaps),
+    )

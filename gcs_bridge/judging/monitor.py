@@ -26,7 +26,7 @@ class Monitor:
     """Judges links and recordings as their bytes come.
 
     Fed with `feed` (a link's bytes) or `feed_recording` (a .tlog's), in pieces cut anywhere; the events that a piece
-    brought about come back as dicts with the contract's keys. `close` returns the report.
+    brought about come back. `close` returns the report.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Monitor:
     def close(self) -> Report:
         """Nothing follows: report, one entry a link. Who wants the last events calls `finish` before."""
         self.finish()
-        return Report(tuple(link.entry(str(name)) for name, link in self._links.items()))
+        return Report.of(link.entry(str(name)) for name, link in self._links.items())
 
     @property
     def window_is_empty(self) -> bool:

@@ -6,9 +6,8 @@ Knows neither the link nor other vehicles.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, replace
-from typing import Any
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,13 +19,29 @@ from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
 from gcs_bridge.checks.stream import StreamCheck
 from gcs_bridge.columns import Floats, Int64s
-from gcs_bridge.events import Notice, Rank, in_order, make_event
+from gcs_bridge.contract import ExplainedBy, Severity, known
+from gcs_bridge.events import (
+    ClockStep,
+    CompareResumed,
+    EstimatorReset,
+    Inop,
+    NoCompare,
+    Notice,
+    Rank,
+    Reboot,
+    StreamResumed,
+    StreamStale,
+    StreamStarted,
+    head,
+    in_order,
+)
 from gcs_bridge.expected import Corrected, Expected
 from gcs_bridge.judging.boot import Boot
 from gcs_bridge.judging.diagnosis_cases import SentBatch
 from gcs_bridge.judging.estimator_resets import Reset, Statements
 from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.mavlink.requests import request_command
+from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.batches import Ahrs2Batch, BootSegment, ClockNotice, ImuBatch, VehicleBatch, no_segment
 from gcs_bridge.telemetry.component import VehicleReader
@@ -42,6 +57,8 @@ STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
 US_PER_S = 1e6
 _FIXED_WING = ("fixed_wing",)  # MAV_TYPE; what hovers too is told by its VTOL types
 _TRIMS = ("AHRS_TRIM_X", "AHRS_TRIM_Y")
+_SEVERITIES: tuple[Severity, ...] = ("alarm", "warning")  # worst first
+_STREAM_EVENTS = {"started": StreamStarted, "stale": StreamStale, "resumed": StreamResumed}
 _MOST_NEWS = 10_000  # statements that can wait for a message with a time
 
 
@@ -53,7 +70,7 @@ class VehicleJudge:
         self.vehicle = vehicle
         self._observer = observer
         self._settings = settings
-        self._boots: list[dict[str, Any]] = []
+        self._boots: list[schema.Boot] = []
         self._boot: Boot | None = None
         self._both_alive_us = 0
         self._left_pending = False  # a boot ended before its alarm's on-delay did
@@ -117,29 +134,29 @@ class VehicleJudge:
             if turn.what != "silent" or link.at(turn.frame_index) - last_us <= limit_us
         ]
 
-    def entry(self, reader: VehicleReader) -> dict[str, Any]:
+    def entry(self, reader: VehicleReader) -> schema.Vehicle:
         """The vehicle's entry in the report."""
         checks = [self._check_entry(check, reader.autopilot) for check in self._checks]
         boots = [*self._boots, *([self._boot.entry()] if self._boot else [])]
-        return {
-            "sysid": self.vehicle.sysid,
-            "compid": self.vehicle.compid,
-            "autopilot": reader.autopilot,
-            "type": reader.type,
-            "verdict": self._verdict(checks),
-            "boots": boots,
-            "streams": {name: self._streams[name].entry() for name in sorted(self._streams)},
-            "checks": checks,
-            "alarms": [asdict(alarm) for alarm in self.alarm_manager.alarms],
-        }
+        return schema.Vehicle(
+            sysid=self.vehicle.sysid,
+            compid=self.vehicle.compid,
+            autopilot=reader.autopilot,
+            type=reader.type,
+            verdict=self._verdict(checks),
+            boots=tuple(boots),
+            streams={name: self._streams[name].entry() for name in sorted(self._streams)},
+            checks=tuple(checks),
+            alarms=tuple(alarm.entry() for alarm in self.alarm_manager.alarms),
+        )
 
-    def _verdict(self, entries: Iterable[Mapping[str, Any]]) -> str:
+    def _verdict(self, entries: Iterable[schema.Check]) -> schema.Verdict:
         severities = {alarm.severity for alarm in self.alarm_manager.alarms}
-        for severity in ("alarm", "warning"):
+        for severity in _SEVERITIES:
             if severity in severities:
                 return severity
         judged = any(
-            check.compares and entry["verdict"] in ("agree", "explained")
+            check.compares and entry.verdict in ("agree", "explained")
             for check, entry in zip(self._checks, entries, strict=True)
         )
         return "agree" if judged and self._undecided() is None else "no_compare"
@@ -355,21 +372,17 @@ class VehicleJudge:
     def _clock_notice(self, notice: ClockNotice) -> Notice:
         change = notice.change
         boot = change.boot
-        event = make_event(
-            change.kind, self.vehicle, boot, change.t_boot_us, notice.t_rx_us, step_s=change.step_us / US_PER_S
-        )
-        return Notice(notice.frame_index, event, Rank.CLOCK)
+        kind = Reboot if change.kind == "reboot" else ClockStep
+        where = head(self.vehicle, boot, change.t_boot_us, notice.t_rx_us)
+        return Notice(notice.frame_index, kind(**where, step_s=change.step_us / US_PER_S), Rank.CLOCK)
 
     def _reset_notice(self, boot: Boot, reset: Reset, link: LinkClock) -> Notice:
-        event = make_event(
-            "estimator_reset",
-            self.vehicle,
-            boot.index,
-            reset.t1_us,
-            link.at(reset.frame_index),
+        t_rx_us = link.at(reset.frame_index)
+        event = EstimatorReset(
+            **head(self.vehicle, boot.index, reset.t1_us, t_rx_us),
             tilt=math.degrees(reset.tilt_rad),
-            heading=None if math.isnan(reset.heading_rad) else math.degrees(reset.heading_rad),
-            explained_by=self._statements.before(reset.frame_index, link.at(reset.frame_index)),
+            heading=known(math.degrees(reset.heading_rad)),
+            explained_by=tuple(self._statements.before(reset.frame_index, t_rx_us)),
         )
         return Notice(reset.frame_index, event)
 
@@ -386,7 +399,7 @@ class VehicleJudge:
                 continue  # it was told as stale
             if turn.what != "missing":
                 boot.alive[turn.stream] = turn.what != "stale"
-                notices.append(Notice(turn.frame_index, make_event(f"stream_{turn.what}", *where, stream=stream)))
+                notices.append(Notice(turn.frame_index, _STREAM_EVENTS[turn.what](**head(*where), stream=stream)))
             for check in self._checks:
                 has = boot.has_sources(check)
                 if has != (check.name in had) or (turn.what == "missing" and not has):
@@ -395,11 +408,11 @@ class VehicleJudge:
             if turn.what in ("missing", "stale") and not boot.no_compare_told:
                 boot.no_compare_told = True
                 silent = "was never received" if turn.what == "missing" else "is silent"
-                event = make_event("no_compare", *where, check=name, reason=f"{stream} {silent}")
+                event = NoCompare(**head(*where, check=name), reason=f"{stream} {silent}")
                 notices.append(Notice(turn.frame_index, event))
             elif boot.no_compare_told and all(boot.alive):
                 boot.no_compare_told = False
-                notices.append(Notice(turn.frame_index, make_event("compare_resumed", *where, check=name)))
+                notices.append(Notice(turn.frame_index, CompareResumed(**head(*where, check=name))))
         return notices, signals
 
     def _breaks(self, boot: Boot, link: LinkClock) -> tuple[list[Notice], list[SignalAt]]:
@@ -407,39 +420,37 @@ class VehicleJudge:
         notices, signals = [], []
         for check in self._checks:
             for one in check.breaks():
-                event, signal = ("inop", Signal.BROKEN) if one.broken else ("compare_resumed", Signal.FOUND)
-                where = (self.vehicle, boot.index, one.t_boot_us, link.at(one.frame_index))
-                told = make_event(event, *where, check=check.name)
-                if one.broken:
-                    told["reason"] = check.broken
+                where = head(self.vehicle, boot.index, one.t_boot_us, link.at(one.frame_index), check.name)
+                told = Inop(**where, reason=check.broken) if one.broken else CompareResumed(**where)
                 notices.append(Notice(one.frame_index, told))
+                signal = Signal.BROKEN if one.broken else Signal.FOUND
                 signals.append(SignalAt(frame_index=one.frame_index, check=check.name, signal=signal))
         return notices, signals
 
-    def _check_entry(self, check: Check, autopilot: str) -> dict[str, Any]:
+    def _check_entry(self, check: Check, autopilot: str) -> schema.Check:
         """The report's entry of one check, with its verdict and the reason for it."""
         numbers = check.numbers()
-        explained_by: list[dict[str, Any]] = []
+        explained_by: list[ExplainedBy] = []
         if check is self._euler_quaternion:
             both_us = self._both_alive_us + (self._boot.liveness.both_alive_us if self._boot else 0)
             numbers["coverage"] = min(check.judged_us / both_us, 1.0) if both_us > 0 else None
             explained_by = self._expected.explanations()
         verdict, reason = self._judged(check, autopilot, explained=bool(explained_by))
         remark = check.remark if verdict in ("agree", "explained", "no_compare") else None
-        return {
-            "name": check.name,
-            "verdict": verdict,
-            "reason": f"{reason}; {remark}" if remark else reason,
-            "unit": check.unit,
+        return schema.Check(
+            name=check.name,
+            verdict=verdict,
+            reason=f"{reason}; {remark}" if remark else reason,
+            unit=check.unit,
             **numbers,
-            "lag_ms": self._euler_quaternion.lag_ms if check is self._euler_quaternion else None,
-            "explained_by": explained_by,
-        }
+            lag_ms=known(self._euler_quaternion.lag_ms) if check is self._euler_quaternion else None,
+            explained_by=tuple(explained_by),
+        )
 
-    def _judged(self, check: Check, autopilot: str, *, explained: bool) -> tuple[str, str]:
+    def _judged(self, check: Check, autopilot: str, *, explained: bool) -> tuple[schema.CheckVerdict, str]:
         """Verdict of one check, and the reason for it."""
         alarms = [alarm for alarm in self.alarm_manager.alarms if alarm.check == check.name]
-        for severity in ("alarm", "warning"):
+        for severity in _SEVERITIES:
             found = [alarm for alarm in alarms if alarm.severity == severity]
             if found:
                 worst = max(found, key=lambda alarm: alarm.peak)

@@ -12,11 +12,12 @@ from collections.abc import Callable, Sequence
 from types import FrameType, TracebackType
 from typing import Any
 
-from gcs_bridge.events import Event, utc
+from gcs_bridge.contract import readable
+from gcs_bridge.events import Damage, Event, LinkDown, LinkUp, utc
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.links.link import Link, LinkDownError, now_us
 
-__all__ = ["Stop", "listen"]
+__all__ = ["Stop", "link_name", "listen"]
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
 # The least time from batch to batch: judging one costs the same whether it holds one message or ten. Where a viewer
 # looks on, the newest is to be there within 0.1 s.
@@ -63,7 +64,7 @@ def listen(
 ) -> bool:
     """Feed `monitor` from the links and `tell` every event, until `stop` says so or `duration_s` is over.
 
-    Link number n is the monitor's link n; each event gets a key more, `link`, its link's name. Returns False if it
+    Link number n is the monitor's link n; in an event of the link itself, `link` is its name. Returns False if it
     ended because every link had. `watched`: a viewer shows what comes, so it is taken more often.
     """
     batch_s = _WATCHED_BATCH_S if watched else _BATCH_S
@@ -72,7 +73,7 @@ def listen(
         listened = [_Listened(number, link, monitor, tell) for number, link in enumerate(links)]
         for one in listened:
             waiter.add(one)
-            one.say("link_up")
+            one.say(LinkUp)
         ticked_s = time.monotonic()
         while not all(one.ended for one in listened):
             now_s = time.monotonic()
@@ -94,6 +95,11 @@ def listen(
     return False
 
 
+def link_name(event: Event, links: Sequence[Link]) -> str:
+    """The name of the link, one of those that are listened to, that an event is about."""
+    return event.link if isinstance(event.link, str) else links[event.link or 0].name
+
+
 class _Listened:
     """One link while it is listened to."""
 
@@ -113,7 +119,7 @@ class _Listened:
         except LinkDownError as end:
             self.ended = True
             self._pass_on(self._monitor.close_link(self._number, now_us()))
-            self.say("link_down", reason=str(end))
+            self.say(LinkDown, reason=readable(str(end)))
             return False
         if self.link.datagrams:
             self._pass_on(self._monitor.feed_datagrams(pieces, self._number))
@@ -123,21 +129,23 @@ class _Listened:
             )
         if self.link.dropped != self._dropped:
             lost, self._dropped = self.link.dropped - self._dropped, self.link.dropped
-            self.say("damage", reason=f"{lost} datagrams were dropped here: this machine is too slow", dropped=lost)
+            self.say(Damage, reason=f"{lost} datagrams were dropped here: this machine is too slow", dropped=lost)
         return bool(pieces)
 
     def advance(self) -> None:
         """Nothing has come: let time pass."""
         self._pass_on(self._monitor.advance(now_us(), self._number))
 
-    def say(self, name: str, **more: Any) -> None:
+    def say(self, kind: type[Event], **more: Any) -> None:
         """Tell an event of the link itself."""
-        head: Event = {"event": name, "vehicle": None, "boot": None, "boot_s": None, "utc": utc(now_us())}
-        self._pass_on([head | {"check": None} | more])
+        at = utc(now_us())
+        self._tell(
+            kind(vehicle=None, boot=None, boot_s=None, utc=at, check=None, link=readable(self.link.name), **more)
+        )
 
     def _pass_on(self, events: list[Event]) -> None:
         for event in events:
-            self._tell(event | {"link": self.link.name})
+            self._tell(event)
 
 
 class _Waiter:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
+from msgspec.structs import replace
+
+from gcs_bridge.contract import readable
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.recordings.source import open_recording
 from gcs_bridge.report import Report
+from gcs_bridge.report.schema import File
 from gcs_bridge.settings import Settings, load_settings
 
 Progress = Callable[[int, int], None]
@@ -34,7 +38,7 @@ def check(
 
     Raises SourceError where the file cannot be used, UsageError for an unknown profile or dialect.
     """
-    return Report((check_file(Path(path), settings or load_settings(profile), dialect=dialect),))
+    return Report.of([check_file(Path(path), settings or load_settings(profile), dialect=dialect)])
 
 
 def check_file(
@@ -47,7 +51,7 @@ def check_file(
     to_s: float | None = None,
     progress: Progress | None = None,
     observer: RecordingObserver | None = None,
-) -> dict[str, Any]:
+) -> File:
     """Judge one recording and return its entry in the report.
 
     `progress` is told bytes done and bytes in all, `observer` is shown how it is judged. Raises SourceError where the
@@ -71,7 +75,7 @@ def check_file(
     return closing_entry(monitor, path)
 
 
-def closing_entry(monitor: Monitor, path: Path) -> dict[str, Any]:
+def closing_entry(monitor: Monitor, path: Path) -> File:
     """The report's entry of a recording that has been fed to `monitor` as a whole.
 
     Raises UsageError where nothing was recorded in the times to judge.
@@ -79,4 +83,4 @@ def closing_entry(monitor: Monitor, path: Path) -> dict[str, Any]:
     report = monitor.close()
     if monitor.window_is_empty:
         raise UsageError(f"{path}: nothing was recorded between --from and --to: {monitor.span_s:.1f} s in all")
-    return {**report.files[0], "path": str(path)}
+    return replace(report.files[0], path=readable(str(path)))

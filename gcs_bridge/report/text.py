@@ -1,4 +1,4 @@
-"""The report for reading: plain lines of at most 100 columns, from the JSON report's dict and nothing else.
+"""The report for reading: plain lines of at most 100 columns, from the report's entries and nothing else.
 
 Each vehicle's first line tells whether `euler_quaternion` could be judged, and how much. The last lines tell the
 verdict of each file and, where a message is missing, the command that requests it. Unknown is never shown as 0.
@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
+from msgspec.structs import asdict
+
+from gcs_bridge.contract import Alarm, Diagnosis, Distribution, Stream
 from gcs_bridge.errors import one_line
 from gcs_bridge.mavlink.requests import request_command
+from gcs_bridge.report.schema import Boot, Check, File, Salvage, Vehicle
 from gcs_bridge.report.verdicts import LABELS, UNJUDGED, compared, sends_attitude
 from gcs_bridge.report.wording import difference
 
 __all__ = ["lines"]
-
-_Entry = Mapping[str, Any]
 
 _WIDTH = 100
 _NBSP = "\N{NO-BREAK SPACE}"
@@ -26,164 +27,160 @@ _UNITS = {"deg": "°", "deg/s": " °/s", "": "", "1": ""}
 _COMPARED = ("ATTITUDE", "ATTITUDE_QUATERNION")  # the two sides of euler_quaternion
 
 
-def lines(report: _Entry, *, detail: int = 0) -> list[str]:
-    """The report's lines; `detail` -1 keeps the last line of each file alone, 1 adds every number."""
-    files: Sequence[_Entry] = report["files"]
+def lines(files: Sequence[File], *, detail: int = 0) -> list[str]:
+    """The lines of a report of these files; `detail` -1 keeps the last line of each file alone, 1 adds every number."""
     told = [] if detail < 0 else [line for entry in files for line in (*_file(entry, detail), "")]
     return told + [line for entry in files for line in _conclusion(entry)]
 
 
-def _file(entry: _Entry, detail: int) -> Iterator[str]:
-    salvage = entry["salvage"]
-    yield f"{one_line(entry['path'])}  ({_size(entry['bytes'])}, {_count(salvage['frames'], 'frame')})"
-    damaged = salvage["bad_crc"] or salvage["skipped_bytes"] or salvage["gap_count"] or salvage["read_fraction"] != 1
+def _file(entry: File, detail: int) -> Iterator[str]:
+    salvage = entry.salvage
+    yield f"{one_line(entry.path)}  ({_size(entry.bytes)}, {_count(salvage.frames, 'frame')})"
+    damaged = salvage.bad_crc or salvage.skipped_bytes or salvage.gap_count or salvage.read_fraction != 1
     if damaged or detail > 0:
         yield from _row("damage" if damaged else "data", _salvage(salvage), indent=2)
     if detail > 0:
-        for gap in salvage["gaps"]:
-            yield from _row("", f"gap of {_count(gap['bytes'], 'byte')} at byte {_number(gap['offset'])}", indent=2)
-    for vehicle in entry["vehicles"]:
+        for gap in salvage.gaps:
+            yield from _row("", f"gap of {_count(gap.bytes, 'byte')} at byte {_number(gap.offset)}", indent=2)
+    for vehicle in entry.vehicles:
         yield from _vehicle(vehicle, detail)
 
 
-def _salvage(salvage: _Entry) -> str:
+def _salvage(salvage: Salvage) -> str:
     said = [
-        f"read {_percent(salvage['read_fraction'])} of the bytes",
-        f"{_number(salvage['bad_crc'])} with a bad checksum",
-        f"{_count(salvage['skipped_bytes'], 'byte')} skipped in {_count(salvage['gap_count'], 'gap')}",
+        f"read {_percent(salvage.read_fraction)} of the bytes",
+        f"{_number(salvage.bad_crc)} with a bad checksum",
+        f"{_count(salvage.skipped_bytes, 'byte')} skipped in {_count(salvage.gap_count, 'gap')}",
     ]
-    for key, word in (
-        ("repaired_crc", "repaired"),
-        ("unverified", "of unknown kind"),
-        ("duplicates", "duplicate"),
-        ("signed", "signed"),
+    for count, word in (
+        (salvage.repaired_crc, "repaired"),
+        (salvage.unverified, "of unknown kind"),
+        (salvage.duplicates, "duplicate"),
+        (salvage.signed, "signed"),
     ):
-        if salvage[key]:
-            said.append(f"{salvage[key]} {word}")
+        if count:
+            said.append(f"{count} {word}")
     return ", ".join(map(_whole, said))
 
 
-def _vehicle(vehicle: _Entry, detail: int) -> Iterator[str]:
-    euler_quaternion = next((check for check in vehicle["checks"] if check["name"] == "euler_quaternion"), None)
+def _vehicle(vehicle: Vehicle, detail: int) -> Iterator[str]:
+    euler_quaternion = next((check for check in vehicle.checks if check.name == "euler_quaternion"), None)
     yield (
-        f"  {_name(vehicle)} {vehicle['autopilot']} {vehicle['type']}  {LABELS[vehicle['verdict']]}  "
+        f"  {_name(vehicle)} {vehicle.autopilot} {vehicle.type}  {LABELS[vehicle.verdict]}  "
         f"euler_quaternion {_judged(euler_quaternion)}"
     )
-    for boot in vehicle["boots"]:
-        yield from _row(f"boot {boot['index']}", _boot(boot))
-    streams = [_stream(name, stream, detail) for name, stream in vehicle["streams"].items()]
+    for boot in vehicle.boots:
+        yield from _row(f"boot {boot.index}", _boot(boot))
+    streams = [_stream(name, stream, detail) for name, stream in vehicle.streams.items()]
     yield from _row("streams", ", ".join(map(_whole, streams)) or "none")
-    for check in vehicle["checks"]:
-        yield from _row(check["name"], f"{LABELS[check['verdict']]:<10}  {_findings(check, detail)}")
-    for alarm in vehicle["alarms"]:
-        yield from _row(LABELS[alarm["severity"]], _alarm(alarm))
+    for check in vehicle.checks:
+        yield from _row(check.name, f"{LABELS[check.verdict]:<10}  {_findings(check, detail)}")
+    for alarm in vehicle.alarms:
+        yield from _row(LABELS[alarm.severity], _alarm(alarm))
 
 
-def _judged(check: _Entry | None) -> str:
-    if check is None or check["verdict"] == "inop":
+def _judged(check: Check | None) -> str:
+    if check is None or check.verdict == "inop":
         return "could not run"
-    if check["verdict"] == "no_compare":
-        return f"not judged (coverage {_percent(check['coverage'])})"
-    return f"judged over {_percent(check['coverage'])} of the time both came"
+    if check.verdict == "no_compare":
+        return f"not judged (coverage {_percent(check.coverage)})"
+    return f"judged over {_percent(check.coverage)} of the time both came"
 
 
-def _boot(boot: _Entry) -> str:
-    first, last = boot["first_boot_s"], boot["last_boot_s"]
-    lasted = None if first is None or last is None else last - first
-    began = "" if boot["start_utc"] is None else f", started {boot['start_utc']}"
-    return f"{_seconds(first)} to {_seconds(last)} ({_seconds(lasted)}){began}"
+def _boot(boot: Boot) -> str:
+    first, last = boot.first_boot_s, boot.last_boot_s
+    began = "" if boot.start_utc is None else f", started {boot.start_utc}"
+    return f"{_seconds(first)} to {_seconds(last)} ({_seconds(last - first)}){began}"
 
 
-def _stream(name: str, stream: _Entry, detail: int) -> str:
-    notes = [f"{stream[key]} {key}" for key in ("lost", "invalid") if stream[key]]
+def _stream(name: str, stream: Stream, detail: int) -> str:
+    notes = [f"{count} {word}" for count, word in ((stream.lost, "lost"), (stream.invalid, "invalid")) if count]
     if detail > 0:
-        notes = [_number(stream["count"]), f"longest gap {_seconds(stream['max_gap_s'], 2)}", *notes]
-    rate = "rate unknown" if stream["rate_hz"] is None else f"{stream['rate_hz']:.1f} Hz"
+        notes = [_number(stream.count), f"longest gap {_seconds(stream.max_gap_s, 2)}", *notes]
+    rate = "rate unknown" if stream.rate_hz is None else f"{stream.rate_hz:.1f} Hz"
     return f"{name} {rate}" + (f" ({', '.join(notes)})" if notes else "")
 
 
-def _findings(check: _Entry, detail: int) -> str:
+def _findings(check: Check, detail: int) -> str:
     """What a check found; where it could not judge, why."""
     said = []
-    unit = check["unit"]
-    quiet = check["verdict"] in ("agree", "explained") and detail <= 0
-    if check["verdict"] not in UNJUDGED:
-        if check["pairs"]:
-            residual = {name: value for name, value in check["residual"].items() if name != "p95" or not quiet}
-            said.append(_distribution(residual, unit))
-        if check["pairs"] is not None:
-            same = "" if check["same_instant"] is None else f" ({check['same_instant']} at the same instant)"
-            said.append(_count(check["pairs"], "pair") + same)
-        for cause in check["explained_by"] or ():
-            estimated = " (estimated)" if cause["estimated"] else ""
-            said.append(f"explained by {cause['cause']} {_value(cause['value'], cause['unit'])}{estimated}")
-        if detail > 0 or check["explained_by"]:
-            said.append(f"raw {_distribution(check['raw'], unit)}")
+    unit = check.unit
+    quiet = check.verdict in ("agree", "explained") and detail <= 0
+    if check.verdict not in UNJUDGED:
+        if check.pairs:
+            said.append(_distribution(check.residual, unit, short=quiet))
+        same = "" if check.same_instant is None else f" ({check.same_instant} at the same instant)"
+        said.append(_count(check.pairs, "pair") + same)
+        for cause in check.explained_by:
+            estimated = " (estimated)" if cause.estimated else ""
+            said.append(f"explained by {cause.cause} {_value(cause.value, cause.unit)}{estimated}")
+        if detail > 0 or check.explained_by:
+            said.append(f"raw {_distribution(check.raw, unit)}")
         if detail > 0:
-            said += [f"{part} {_distribution(check[part], unit)}" for part in ("tilt", "heading") if check[part]]
-            said.append(f"judged {_percent(check['coverage'])} of the time")
-            if check["lag_ms"] is not None:
-                said.append(f"lag {_value(check['lag_ms'], 'ms')}")
-    reason = [one_line(check["reason"])] if check["reason"] and not quiet else []
+            parts = (("tilt", check.tilt), ("heading", check.heading))
+            said += [f"{name} {_distribution(part, unit)}" for name, part in parts if part is not None]
+            said.append(f"judged {_percent(check.coverage)} of the time")
+            if check.lag_ms is not None:
+                said.append(f"lag {_value(check.lag_ms, 'ms')}")
+    reason = [one_line(check.reason)] if check.reason and not quiet else []
     return "; ".join([*map(_whole, said), *reason])
 
 
-def _distribution(numbers: _Entry | None, unit: str | None) -> str:
-    if not numbers:
-        return "unknown"
-    return ", ".join(f"{name} {_value(value, unit)}" for name, value in numbers.items())
+def _distribution(values: Distribution, unit: str, *, short: bool = False) -> str:
+    numbers = asdict(values)
+    return ", ".join(f"{name} {_value(numbers[name], unit)}" for name in numbers if name != "p95" or not short)
 
 
-def _alarm(alarm: _Entry) -> str:
+def _alarm(alarm: Alarm) -> str:
     """One sentence or two: when, what, how much, where, and why if that is known."""
-    cleared = alarm["cleared_boot_s"]
+    cleared = alarm.cleared_boot_s
     until = "to the end" if cleared is None else f"to {_seconds(cleared)}"
-    utc = "" if alarm["raised_utc"] is None else f" (raised {alarm['raised_utc']})"
-    again = f", {_count(alarm['repeats'], 'time')} again" if alarm["repeats"] else ""
-    when = f"from {_seconds(alarm['raised_boot_s'])} {until} of boot {_number(alarm['boot'])}{utc}{again}"
-    said = f"{alarm['check']} {when}: {difference(alarm)}. This is {alarm['is_not']}."
-    diagnosis = alarm["diagnosis"]
+    utc = "" if alarm.raised_utc is None else f" (raised {alarm.raised_utc})"
+    again = f", {_count(alarm.repeats, 'time')} again" if alarm.repeats else ""
+    when = f"from {_seconds(alarm.raised_boot_s)} {until} of boot {_number(alarm.boot)}{utc}{again}"
+    said = f"{alarm.check} {when}: {difference(alarm)}. This is {alarm.is_not}."
+    diagnosis = alarm.diagnosis
     return said if diagnosis is None else f"{said} {_diagnosis(diagnosis)}"
 
 
-def _diagnosis(diagnosis: _Entry) -> str:
-    value = "" if diagnosis["value"] is None else f" {_value(diagnosis['value'], diagnosis['unit'])}"
-    side = "" if diagnosis["side"] is None else f" in message {diagnosis['side']}"
-    said = f"Cause: {diagnosis['cause']}{value}{side} ({diagnosis['confidence']})."
-    return f"{said} {one_line(diagnosis['fix'])}" if diagnosis["fix"] else said
+def _diagnosis(diagnosis: Diagnosis) -> str:
+    value = "" if diagnosis.value is None else f" {_value(diagnosis.value, diagnosis.unit)}"
+    side = "" if diagnosis.side is None else f" in message {diagnosis.side}"
+    said = f"Cause: {diagnosis.cause}{value}{side} ({diagnosis.confidence})."
+    return f"{said} {one_line(diagnosis.fix)}" if diagnosis.fix else said
 
 
-def _conclusion(entry: _Entry) -> Iterator[str]:
+def _conclusion(entry: File) -> Iterator[str]:
     """The file's last line, verdict first, and the commands that would get what was missing."""
-    vehicles: Sequence[_Entry] = entry["vehicles"]
-    yield f"{LABELS[entry['verdict']]:<10}  {one_line(entry['path'])}: {_summary(vehicles)}"
+    vehicles = entry.vehicles
+    yield f"{LABELS[entry.verdict]:<10}  {one_line(entry.path)}: {_summary(vehicles)}"
     # Where others send an attitude, a vehicle that sends none may have none: a tracker, a gimbal.
     flying = [vehicle for vehicle in vehicles if sends_attitude(vehicle)]
     for vehicle in flying or vehicles:
         for where, command in _requests(vehicle):
-            yield f"            next, in {where} for vehicle {vehicle['sysid']}: {command}"
+            yield f"            next, in {where} for vehicle {vehicle.sysid}: {command}"
 
 
-def _summary(vehicles: Sequence[_Entry]) -> str:
+def _summary(vehicles: Sequence[Vehicle]) -> str:
     if not vehicles:
         return "no vehicle"
     said = [_count(len(vehicles), "vehicle")]
-    severities = [alarm["severity"] for vehicle in vehicles for alarm in vehicle["alarms"]]
+    severities = [alarm.severity for vehicle in vehicles for alarm in vehicle.alarms]
     said += [_count(severities.count(kind), kind) for kind in ("alarm", "warning") if kind in severities]
     if not any(map(sends_attitude, vehicles)):
         said.append("no attitude")
-    said += [f"vehicle {v['sysid']} not compared" for v in vehicles if sends_attitude(v) and not compared(v)]
+    said += [f"vehicle {v.sysid} not compared" for v in vehicles if sends_attitude(v) and not compared(v)]
     return ", ".join(said if len(said) > 1 else [*said, "no alarm"])
 
 
-def _requests(vehicle: _Entry) -> list[tuple[str, str]]:
+def _requests(vehicle: Vehicle) -> list[tuple[str, str]]:
     """The commands that make the autopilot send the messages without which nothing can be compared."""
-    if any(check["name"] == "euler_quaternion" and check["verdict"] not in UNJUDGED for check in vehicle["checks"]):
+    if any(check.name == "euler_quaternion" and check.verdict not in UNJUDGED for check in vehicle.checks):
         return []
     return [
-        request_command(message, vehicle["autopilot"])
+        request_command(message, vehicle.autopilot)
         for message in _COMPARED
-        if not vehicle["streams"].get(message, {}).get("count")
+        if message not in vehicle.streams or not vehicle.streams[message].count
     ]
 
 
@@ -206,8 +203,8 @@ def _whole(said: str) -> str:
     return said.replace(" ", _NBSP)
 
 
-def _name(vehicle: _Entry) -> str:
-    return f"{vehicle['sysid']},{vehicle['compid']}"
+def _name(vehicle: Vehicle) -> str:
+    return f"{vehicle.sysid},{vehicle.compid}"
 
 
 def _number(value: float | None) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
+from typing import Literal
+
+from gcs_bridge.report.schema import Vehicle, Verdict
 
 __all__ = [
     "ATTITUDE_MESSAGES",
@@ -17,8 +19,8 @@ __all__ = [
     "sends_attitude",
     "worst_verdict",
 ]
-SCHEMA = "gcs-bridge/report/1"
-VERDICTS = ("alarm", "warning", "no_compare", "agree")
+SCHEMA: Literal["gcs-bridge/report/1"] = "gcs-bridge/report/1"
+VERDICTS: tuple[Verdict, ...] = ("alarm", "warning", "no_compare", "agree")
 """Verdicts of a vehicle, a file and a report, worst first."""
 EXIT_CODES = (3, 1, 4, 0)
 """What judging recordings can end with, worst first; 2 ends it before."""
@@ -38,17 +40,17 @@ COMPARATORS = frozenset({"euler_quaternion", "secondary_estimate", "kinematics",
 ATTITUDE_MESSAGES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", "ATTITUDE_QUATERNION_COV", "AHRS2", "AHRS3"})
 
 
-def worst_verdict(verdicts: Iterable[str]) -> str:
+def worst_verdict(verdicts: Iterable[Verdict]) -> Verdict:
     """The worst of some verdicts; without any, nothing was compared."""
     found = set(verdicts)
     return next((verdict for verdict in VERDICTS if verdict in found), "no_compare")
 
 
-def sends_attitude(vehicle: Mapping[str, Any]) -> bool:
+def sends_attitude(vehicle: Vehicle) -> bool:
     """Whether any message of the report's vehicle carried an attitude."""
-    return any(stream["count"] for name, stream in vehicle["streams"].items() if name in ATTITUDE_MESSAGES)
+    return any(stream.count for name, stream in vehicle.streams.items() if name in ATTITUDE_MESSAGES)
 
 
-def compared(vehicle: Mapping[str, Any]) -> bool:
+def compared(vehicle: Vehicle) -> bool:
     """Whether anything judged the vehicle's attitude."""
-    return any(check["name"] in COMPARATORS and check["verdict"] not in UNJUDGED for check in vehicle["checks"])
+    return any(check.name in COMPARATORS and check.verdict not in UNJUDGED for check in vehicle.checks)

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+
+from gcs_bridge.contract import Alarm
+from gcs_bridge.events import AlarmEvent
 
 __all__ = ["difference", "quantity"]
 _UNITS = {"deg": "°", "deg/s": " °/s", "": "", "1": ""}
 
 
-def difference(alarm: Mapping[str, Any]) -> str:
+def difference(alarm: Alarm | AlarmEvent) -> str:
     """What it says, how large it grew, and where the difference lies."""
-    said = f"{alarm['what']}: {quantity(alarm['peak'], alarm['unit'])}"
-    axis = alarm["axis"] or ""
-    if alarm["tilt"] is not None:
-        said += f", tilt {quantity(alarm['tilt'], 'deg')}, heading {quantity(alarm['heading'], 'deg')}"
+    said = f"{alarm.what}: {quantity(alarm.peak, alarm.unit)}"
+    axis = alarm.axis or ""
+    if alarm.tilt is not None:
+        said += f", tilt {quantity(alarm.tilt, 'deg')}, heading {quantity(alarm.heading, 'deg')}"
         axis = axis[axis.find("about") :] if "about" in axis else ""
     if axis:
         said += f", {axis}"
-    if alarm["grouped"] in ("chatter", "flood"):
-        said += f"; {alarm['grouped']}"
+    if alarm.grouped in ("chatter", "flood"):
+        said += f"; {alarm.grouped}"
     return said
 
 

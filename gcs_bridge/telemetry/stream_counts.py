@@ -6,11 +6,11 @@ What is in them is not looked at here.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from gcs_bridge.columns import Int64s
+from gcs_bridge.contract import Stream
 
 US_PER_S = 1e6
 _SILENCE_US = 2_000_000  # a longer interval is a silence, and no part of the rate
@@ -67,12 +67,12 @@ class StreamCount:
             return self._intervals / self._spent_us * US_PER_S
         return self._silences / self._silent_us * US_PER_S if self._silences else None
 
-    def entry(self) -> dict[str, Any]:
+    def entry(self) -> Stream:
         """The stream's entry in the report."""
-        return {
-            "count": self.count,
-            "rate_hz": self._rate_hz(),
-            "max_gap_s": None if self.max_gap_us is None else self.max_gap_us / US_PER_S,
-            "lost": self.lost,
-            "invalid": self.invalid,
-        }
+        return Stream(
+            count=self.count,
+            rate_hz=self._rate_hz(),
+            max_gap_s=None if self.max_gap_us is None else self.max_gap_us / US_PER_S,
+            lost=self.lost,
+            invalid=self.invalid,
+        )

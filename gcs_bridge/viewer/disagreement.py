@@ -6,8 +6,8 @@ All follows from what was judged, frame by frame, and so does not depend on how 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +17,10 @@ from gcs_bridge import attitude
 from gcs_bridge.alarms.record import axis_of
 from gcs_bridge.checks.euler_quaternion import Disagreement, EulerQuaternion
 from gcs_bridge.columns import Floats
+from gcs_bridge.contract import Diagnosis
 from gcs_bridge.diagnosis.hypotheses import ROWS, TRIMS, Hypothesis
 from gcs_bridge.diagnosis.wording import amount
-from gcs_bridge.events import Event
+from gcs_bridge.events import AlarmCleared, AlarmEvent, DiagnosisMade
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.pairing.neighbours import in_order
 from gcs_bridge.telemetry.identity import VehicleId
@@ -48,9 +49,9 @@ class Undoing(NamedTuple):
     name: str
 
 
-def undoing(diagnosis: Mapping[str, Any]) -> Undoing | None:
+def undoing(diagnosis: Diagnosis) -> Undoing | None:
     """What undoes the mistake that a report's diagnosis names; None: nothing does, or what it says is too little."""
-    rows = [ROWS.get(name) for name in diagnosis["causes"] if name != _NORM]
+    rows = [ROWS.get(name) for name in diagnosis.causes if name != _NORM]
     mistakes = [row for row in rows if row not in TRIMS.values()]
     if mistakes and not any(row is not None and row.acts_on == "rpy" for row in mistakes):
         rows = mistakes  # a trim of the angles has no part in what is wrong with the quaternion
@@ -58,10 +59,10 @@ def undoing(diagnosis: Mapping[str, Any]) -> Undoing | None:
     valued = [row for row in causes if row.parameter.count]
     if not causes or len(causes) < len(rows) or len(valued) > 1:  # a diagnosis tells the value of one cause alone
         return None
-    told = diagnosis["value"]
-    value = tuple(told) if isinstance(told, list) else () if told is None else (told,)
+    told = diagnosis.value
+    value = told if isinstance(told, tuple) else () if told is None else (told,)
     words = [f"{row.name} {amount(row, value)}" if row in valued else row.name for row in causes]
-    ties = diagnosis["candidates"][1:]
+    ties = diagnosis.candidates[1:]
     mistake = Hypothesis(tuple((row.name, value if row in valued else ()) for row in causes))
     return Undoing(mistake, " or ".join(["+".join(words), *ties]))
 
@@ -104,12 +105,12 @@ class Apart:
         if self._was_open:
             yield Shown(moment, [_nothing(self._apart)])
 
-    def told(self, event: Event) -> Iterator[Shown]:
+    def told(self, event: DiagnosisMade | AlarmEvent) -> Iterator[Shown]:
         """A diagnosis, or an alarm that went, or is shelved: then nothing more is told of it, not even that it went."""
         before = self._undoing
-        self._undoings.pop(event["id"], None)
-        if event["event"] == "diagnosis":
-            self._undoings[event["id"]] = undoing(event["diagnosis"])
+        self._undoings.pop(event.id, None)
+        if isinstance(event, DiagnosisMade):
+            self._undoings[event.id] = undoing(event.diagnosis)
         after = self._undoing
         if after is not None and after != before:
             yield Shown(instant_of(event), list(corrected_parts(self._corrected, f"{after.name} undone")))
@@ -158,7 +159,7 @@ class Apart:
         """The attitudes without the mistake, from the frame on that told it."""
         since = 0
         for frame_index, event, _ in observation.notices:
-            if event["check"] == EulerQuaternion.name and event["event"] in ("diagnosis", "alarm_cleared"):
+            if event.check == EulerQuaternion.name and isinstance(event, DiagnosisMade | AlarmCleared):
                 yield from self._corrections(observation, since, frame_index)
                 yield from self.told(event)
                 since = frame_index

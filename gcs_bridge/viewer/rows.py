@@ -123,9 +123,9 @@ class Rows:
 
 def instant_of(event: Event) -> Instant:
     """When an event was."""
-    boot_s, utc = event["boot_s"], event["utc"]
+    boot_s, utc = event.boot_s, event.utc
     received = -1 if utc is None else int(np.datetime64(utc.removesuffix("Z"), "us").astype(np.int64))
-    return Instant(event["boot"], None if boot_s is None else round(boot_s * 1e6), received)
+    return Instant(event.boot or 0, None if boot_s is None else round(boot_s * 1e6), received)
 
 
 def pair_times(observation: Observation) -> Times:

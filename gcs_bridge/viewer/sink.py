@@ -14,7 +14,16 @@ import rerun as rr
 
 from gcs_bridge import attitude
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
-from gcs_bridge.events import Event, vehicle_of
+from gcs_bridge.events import (
+    AlarmCleared,
+    AlarmRaised,
+    AlarmShelved,
+    CompareResumed,
+    Event,
+    NoCompare,
+    Reboot,
+    vehicle_of,
+)
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.sinks.event_lines import event_line
 from gcs_bridge.telemetry.identity import VehicleId
@@ -122,33 +131,34 @@ class RerunSink(ViewerSink):
         """Write an event into the log, and what it means for the comparison into its lane."""
         if self._holds:
             self.flush()  # the plots lead up to it, and none waits for more when a stream falls silent
-        name = event["event"]
         moment = instant_of(event)
         if moment.t_boot_us is None and moment.t_rx_us < 0:
             moment = moment._replace(t_rx_us=self._latest_rx_us)
         self._set_time(moment)
-        level = "WARN" if name == "alarm_raised" and event["severity"] == "warning" else _LEVELS.get(name, "INFO")
+        level = _LEVELS.get(event.name, "INFO")
+        if isinstance(event, AlarmRaised) and event.severity == "warning":
+            level = "WARN"
         text = rr.TextLog(event_line(event), level=level)
-        if not event["vehicle"]:
+        if not event.vehicle:
             self._rec.log("link/events", text)
             return
         key = vehicle_of(event)
         vehicle = self._vehicle(key)
         self._rec.log(path_of(key, "events"), text)
-        if name == "alarm_raised":
-            vehicle.raised[event["id"]] = event["severity"]
+        if isinstance(event, AlarmRaised):
+            vehicle.raised[event.id] = event.severity
             self._alarm = self._alarm or moment
             self._state(key, vehicle.state)
-        elif name == "alarm_cleared":
-            vehicle.raised.pop(event["id"], None)
+        elif isinstance(event, AlarmCleared):
+            vehicle.raised.pop(event.id, None)
             self._state(key, vehicle.state)
-        elif name == "alarm_shelved":
+        elif isinstance(event, AlarmShelved):
             self._show(vehicle.apart.told(event))
-        elif name == "reboot":
+        elif isinstance(event, Reboot):
             vehicle.silent, vehicle.raised = False, {}
             self._state(key, "not compared")  # until the new boot's first pair
-        elif name in ("no_compare", "compare_resumed") and event["check"] == EulerQuaternion.name:
-            vehicle.silent = name == "no_compare"
+        elif isinstance(event, NoCompare | CompareResumed) and event.check == EulerQuaternion.name:
+            vehicle.silent = isinstance(event, NoCompare)
             self._state(key, vehicle.state)
             if vehicle.silent:
                 self._show(vehicle.apart.silent(moment))

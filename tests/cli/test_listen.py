@@ -134,7 +134,7 @@ def test_killed(tmp_path: Path) -> None:
     assert [frame.data for frame in recorded] == [frame.data for frame in frames[: len(recorded)]]
     assert tlog_of(recorded) == tlog.read_bytes()
     (told,) = [e for e in map(json.loads, events.read_text().splitlines()) if e["event"] == "alarm_raised"]
-    (alarm,) = gcs_bridge.check(tlog).files[0]["vehicles"][0]["alarms"]
+    (alarm,) = gcs_bridge.check(tlog).to_dict()["files"][0]["vehicles"][0]["alarms"]
     assert (alarm["id"], alarm["raised_boot_s"]) == (told["id"], told["boot_s"])
 
 

@@ -1,6 +1,7 @@
 """What the tests of live links share: recorded frames, senders, and `gcs-bridge` as a process."""
 
 import contextlib
+import json
 import os
 import signal
 import socket
@@ -11,13 +12,17 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from gcs_bridge import events
+from gcs_bridge.contract import plain
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.links.link import Link
-from gcs_bridge.links.loop import listen
+from gcs_bridge.links.loop import link_name, listen
 from gcs_bridge.mavlink.dialect import load_dialect
 from gcs_bridge.mavlink.scanner import RawFrame, Scanner
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
+from gcs_bridge.report.schema import File
+from gcs_bridge.sinks.event_lines import event_json
 from tests.helpers.paths import FIXTURES
 
 Event = dict[str, Any]
@@ -45,7 +50,7 @@ def fixture(name: str, *, from_s: float = 0.0, to_s: float = 1e6, fault: str | N
     return frames_of(inject(tlog_of(frames), [parse_fault(fault)], from_s=lasts_s * 2 / 3))
 
 
-def judgement(entry: dict[str, Any]) -> list[dict[str, Any]]:
+def judgement(entry: File) -> list[dict[str, Any]]:
     """What a report says of each vehicle, but for what hangs on the receive time."""
     return [
         {
@@ -59,7 +64,7 @@ def judgement(entry: dict[str, Any]) -> list[dict[str, Any]]:
             "checks": [{**check, "coverage": None} for check in vehicle["checks"]],
             "alarms": [{**alarm, "raised_utc": None} for alarm in vehicle["alarms"]],
         }
-        for vehicle in entry["vehicles"]
+        for vehicle in plain(entry)["vehicles"]
     ]
 
 
@@ -125,7 +130,7 @@ def tcp_sender(
 
 
 class Live:
-    """`listen` in a thread of this process; what it told is in `events`."""
+    """`listen` in a thread of this process; what it told is in `events`, as its JSON lines say it."""
 
     def __init__(self, *links: Link, **monitor_options: Any) -> None:
         self.events: list[Event] = []
@@ -136,7 +141,10 @@ class Live:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def _run(self) -> None:
-        listen(self._links, self.monitor, self.events.append, stop=self._stop.is_set, watched=self._watched)
+        listen(self._links, self.monitor, self._tell, stop=self._stop.is_set, watched=self._watched)
+
+    def _tell(self, event: events.Event) -> None:
+        self.events.append(json.loads(event_json(event, link_name(event, self._links))))
 
     def __enter__(self) -> "Live":
         self._thread.start()

@@ -2,6 +2,11 @@
 
 from typing import Any
 
+import msgspec
+
+from gcs_bridge.report import Report
+from gcs_bridge.report.schema import File
+
 CHECKS = [
     *("euler_quaternion", "quaternion_norm", "body_rates", "kinematics", "gyro", "gravity", "mag_heading"),
     *("secondary_estimate", "stream"),
@@ -15,6 +20,7 @@ SALVAGE = {
     "skipped_bytes": 0,
     "signed": 0,
     "duplicates": 0,
+    "bad_times": 0,
     "read_fraction": 1.0,
     "gap_count": 0,
     "gaps": [],
@@ -42,6 +48,8 @@ ALARM = {
     "diagnosis": None,
 }
 
+PARTS = ("median", "p95", "p99", "max")
+
 DIAGNOSIS = {
     "cause": "yaw_offset",
     "causes": ["yaw_offset"],
@@ -63,13 +71,13 @@ def stream(count: int = 3000) -> dict[str, Any]:
 
 def check(name: str = "euler_quaternion", verdict: str = "agree", **changes: Any) -> dict[str, Any]:
     judged = verdict not in ("no_compare", "inop")
-    spread = {"median": 1e-6, "p95": 3e-6, "p99": 6e-6, "max": 7e-6} if judged else None
+    spread = {"median": 1e-6, "p95": 3e-6, "p99": 6e-6, "max": 7e-6} if judged else dict.fromkeys(PARTS)
     return {
         "name": name,
         "verdict": verdict,
-        "reason": None if judged else "no ATTITUDE_QUATERNION was received",
+        "reason": "judged" if judged else "no ATTITUDE_QUATERNION was received",
         "coverage": 0.9989 if judged else None,
-        "pairs": 2953 if judged else None,
+        "pairs": 2953 if judged else 0,
         "same_instant": 2940 if judged else None,
         "unit": "deg",
         "residual": spread,
@@ -104,3 +112,8 @@ def without_quaternion(verdict: str = "no_compare", **changes: Any) -> dict[str,
 
 def entry(*vehicles: dict[str, Any], verdict: str = "agree", path: str = "flight.tlog") -> dict[str, Any]:
     return {"path": path, "bytes": 1_648_395, "verdict": verdict, "salvage": SALVAGE, "vehicles": list(vehicles)}
+
+
+def report(*files: dict[str, Any]) -> Report:
+    """The report of handmade entries."""
+    return Report.of(msgspec.convert(file, File) for file in files)

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gcs_bridge import Monitor
-from gcs_bridge.events import Event
+from gcs_bridge.contract import plain
+from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.viewer import open_viewer
 
 RERUN = (sys.executable, "-m", "rerun_cli")
@@ -71,7 +71,7 @@ class Drawn:
         return {name for chunk in self._chunks for name in chunk.timeline_names}
 
 
-def drawn(data: bytes, path: Path, *, pieces: int = 1) -> tuple[Drawn, list[Event]]:
+def drawn(data: bytes, path: Path, *, pieces: int = 1) -> tuple[Drawn, list[dict[str, Any]]]:
     """What is drawn of a recording fed in so many pieces, and its events."""
     events = []
     with open_viewer(f"save:{path}", say=pytest.fail) as viewer:
@@ -80,7 +80,7 @@ def drawn(data: bytes, path: Path, *, pieces: int = 1) -> tuple[Drawn, list[Even
         for cut in np.array_split(np.frombuffer(data, np.uint8), pieces):
             for event in monitor.feed_recording(cut.tobytes()):
                 sink.event(event)
-                events.append(event)
+                events.append(plain(event))
         for event in monitor.finish():
             sink.event(event)
         sink.finish()

@@ -10,10 +10,10 @@ import pyarrow as pa
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from gcs_bridge import Monitor
 from gcs_bridge.evidence.tables import tables_of
 from gcs_bridge.judging import alarm_windows as moments
 from gcs_bridge.judging.alarm_windows import AlarmWindow, AlarmWindows
+from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
@@ -57,7 +57,7 @@ def content(moment: AlarmWindow) -> dict[str, Any]:
 
 
 def by_id(found: list[AlarmWindow]) -> dict[str, dict[str, Any]]:
-    return {moment.alarm["id"]: content(moment) for moment in found}
+    return {moment.alarm.id: content(moment) for moment in found}
 
 
 def same(one: Any, other: Any) -> bool:

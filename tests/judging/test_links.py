@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gcs_bridge.judging.monitor import Monitor
+from gcs_bridge import Monitor
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
@@ -42,7 +42,8 @@ def test_one_vehicle_on_two_links_has_two_alarms() -> None:
     assert raised[1]["link"] == 1
     (told,) = monitor.acknowledge(raised[1]["id"], FAULTY[-1][0])
     assert (told["event"], told["id"], told["link"]) == ("alarm_acknowledged", raised[1]["id"], 1)
-    first, second = ([alarm for v in file["vehicles"] for alarm in v["alarms"]] for file in monitor.close().files)
+    files = monitor.close().to_dict()["files"]
+    first, second = ([alarm for v in file["vehicles"] for alarm in v["alarms"]] for file in files)
     assert [alarm["acknowledged"] for alarm in first if alarm["id"] == raised[0]["id"]] == [False]
     assert [alarm["acknowledged"] for alarm in second if alarm["id"] == raised[1]["id"]] == [True]
 
@@ -69,7 +70,7 @@ def test_of_two_links_the_one_that_ends_loses_its_vehicle_in_time() -> None:
     assert lost == [15.0]
     assert last_s == pytest.approx(9.96)
     assert not named(events[1], "stream_stale", "vehicle_lost", "alarm_raised")
-    closed, alive = monitor.close().files
+    closed, alive = monitor.close().to_dict()["files"]
     assert alive["verdict"] == "agree"
     assert closed["verdict"] == "alarm"
 
@@ -90,7 +91,7 @@ def test_half_a_frame_is_dropped_and_the_link_opens_again() -> None:
     # The rest of that frame would complete it, and hides a whole frame of another system as its payload would.
     decoy = after[0][20:] + wire.heartbeat(sysid=77)
     events = monitor.feed(decoy + b"".join(after[1:]), t_us + 9 * S, 0)
-    entry = monitor.close().files[0]
+    entry = monitor.close().to_dict()["files"][0]
     salvage = entry["salvage"]
     assert salvage["frames"] == len(before) + 1 + len(after) - 1  # the decoy's own heartbeat, and all that came whole
     assert salvage["skipped_bytes"] == len(after[0])

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from gcs_bridge.judging.monitor import Monitor
+from gcs_bridge import Monitor
 from gcs_bridge.links.link import DatagramLink, Link
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.uri import NetworkUri, SerialUri
@@ -199,7 +199,7 @@ def test_broken_datagrams_do_not_reach_into_each_other() -> None:
     events = [event for datagram in datagrams for event in alone.feed(*datagram)]
     assert together.feed_datagrams(datagrams) == events
     assert together.close() == alone.close()
-    assert alone.close().files[0]["salvage"]["gap_count"] == len(range(5, len(datagrams), 11))
+    assert alone.close().files[0].salvage.gap_count == len(range(5, len(datagrams), 11))
 
 
 # --- silence ---------------------------------------------------------------------------------------------------------

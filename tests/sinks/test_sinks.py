@@ -1,16 +1,37 @@
 """Where frames and events go: files that survive, lines that read well."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from gcs_bridge.alarms.record import AlarmRecord
+from gcs_bridge.contract import plain
 from gcs_bridge.errors import UsageError
+from gcs_bridge.events import (
+    AlarmCleared,
+    AlarmEvent,
+    AlarmPending,
+    AlarmRaised,
+    ClockStep,
+    EstimatorReset,
+    Event,
+    Inop,
+    LinkDown,
+    LinkUp,
+    NoCompare,
+    StreamResumed,
+    StreamStale,
+    VehicleLost,
+    head,
+)
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.sinks.event_lines import event_json, event_line, is_alarm, is_detail
 from gcs_bridge.sinks.file import LiveFile
-from tests.helpers.live_links import Event, fixture, tlog_of
+from gcs_bridge.telemetry.identity import VehicleId
+from tests.helpers.live_links import fixture, tlog_of
 
 
 def events_of(name: str, **options: Any) -> list[Event]:
@@ -51,14 +72,17 @@ def test_events_as_json() -> None:
         line = event_json(event)
         assert line.endswith(b"}\n")
         assert line.count(b"\n") == 1
-        assert json.loads(line) == event
-    assert json.loads(event_json({"heading": float("nan")})) == {"heading": None}
+        assert json.loads(line) == plain(event)
+        assert json.loads(event_json(event, "/dev/tty\udcff")) == plain(event) | {"link": "/dev/tty\\xff"}
+    reset = EstimatorReset(**head(VehicleId(2, 1, 1), 0, None, -1), tilt=1.0, heading=math.nan, explained_by=())
+    told = json.loads(event_json(reset))
+    assert (told["event"], told["heading"], told["utc"], told["link"]) == ("estimator_reset", None, None, 2)
 
 
 def test_events_as_lines() -> None:
     """Each says when, who and what, on one line of modest width."""
     events = events_of("a_copter_square", from_s=75, to_s=81, fault="yaw_offset:25")
-    lines = {event["event"]: event_line(event) for event in events if not is_detail(event)}
+    lines = {event.name: event_line(event) for event in events if not is_detail(event)}
     diagnosis = lines.pop("diagnosis")
     assert lines == {
         "vehicle_seen": "00:47:09  1,1               vehicle seen",
@@ -69,40 +93,51 @@ def test_events_as_lines() -> None:
     assert "euler_quaternion: yaw_offset" in diagnosis
 
 
+def of(vehicle: tuple[int, int] | None, check: str | None = None) -> Any:
+    """The head of an event of which the time is unknown."""
+    return {"vehicle": vehicle, "boot": None, "boot_s": None, "utc": None, "check": check}
+
+
+def alarm(kind: type[AlarmEvent], **changes: Any) -> AlarmEvent:
+    record = AlarmRecord.new(
+        alarm_id="x-0-1", check="x", severity="alarm", boot=0, what="they differ", is_not="", unit="deg"
+    )
+    told = record.told() | {"peak": 3.0, "axis": "tilt, about body y (pitch)", "tilt": 3.0, "heading": None} | changes
+    return kind(**of((1, 1), "x"), **told)
+
+
 @pytest.mark.parametrize(
     ("event", "said"),
     [
-        ({"event": "link_up", "link": "udpin:0.0.0.0:14550"}, "link up: udpin:0.0.0.0:14550"),
-        ({"event": "link_down", "link": "tcp:a:1", "reason": "gone\x1b"}, "link down: tcp:a:1: gone\\x1b"),
-        ({"event": "vehicle_lost", "vehicle": [7, 1]}, "vehicle LOST: nothing comes from it any more"),
-        ({"event": "stream_stale", "vehicle": [1, 1], "stream": "ATTITUDE"}, "ATTITUDE went silent"),
-        ({"event": "no_compare", "vehicle": [1, 1], "check": "x", "reason": "why"}, "NO COMPARE x: why"),
-        ({"event": "clock_step", "vehicle": [1, 1], "step_s": 61.0}, "boot clock stepped by +61.0 s"),
+        (LinkUp(**of(None), link="udpin:0.0.0.0:14550"), "link up: udpin:0.0.0.0:14550"),
+        (LinkDown(**of(None), link="tcp:a:1", reason="gone\x1b"), "link down: tcp:a:1: gone\\x1b"),
+        (VehicleLost(**of((7, 1)), link=2), "vehicle LOST: nothing comes from it any more"),
+        (StreamStale(**of((1, 1)), stream="ATTITUDE"), "ATTITUDE went silent"),
+        (StreamResumed(**of((1, 1)), stream="ATTITUDE"), "ATTITUDE resumed"),
+        (NoCompare(**of((1, 1), "x"), reason="why"), "NO COMPARE x: why"),
+        (ClockStep(**of((1, 1)), step_s=61.0), "boot clock stepped by +61.0 s"),
         (
-            {"event": "alarm_cleared", "vehicle": [1, 1], "severity": "alarm", "check": "x", "unit": "deg", "peak": 3.0}
-            | {
-                "what": "they differ",
-                "axis": "tilt, about body y (pitch)",
-                "tilt": 3.0,
-                "heading": None,
-                "grouped": None,
-            },
+            alarm(AlarmCleared),
             "alarm cleared x: they differ: 3.00°, tilt 3.00°, heading unknown, about body y (pitch)",
         ),
-        ({"event": "inop", "vehicle": [1, 1]}, "inop"),
+        (
+            alarm(AlarmRaised, severity="warning", axis=None, tilt=None),
+            "WARNING x: they differ: 3.00°",
+        ),
+        (Inop(**of((1, 1), "x"), reason="why"), "inop"),
     ],
 )
 def test_each_kind_of_event_reads_well(event: Event, said: str) -> None:
     """What is unknown is left out or called so; control characters of the other side do not reach the terminal."""
-    whole = {"vehicle": None, "boot": None, "boot_s": None, "utc": None, "check": None} | event
-    assert event_line(whole).endswith(f"  {said}")
-    assert event_line(whole).startswith("time ?")
+    assert event_line(event).endswith(f"  {said}")
+    assert event_line(event).startswith("time ?")
 
 
 def test_who_sees_what() -> None:
     """Alarms for those who want nothing else; what is pending only for those who want everything."""
-    assert is_alarm({"event": "alarm_raised"})
-    assert is_alarm({"event": "alarm_cleared"})
-    assert not is_alarm({"event": "alarm_pending"})
-    assert not is_alarm({"event": "stream_stale"})
-    assert is_detail({"event": "alarm_pending"})
+    assert is_alarm(alarm(AlarmRaised))
+    assert is_alarm(alarm(AlarmCleared))
+    assert not is_alarm(alarm(AlarmPending))
+    assert not is_alarm(StreamStale(**of((1, 1)), stream="ATTITUDE"))
+    assert is_detail(alarm(AlarmPending))
+    assert not is_detail(alarm(AlarmRaised))

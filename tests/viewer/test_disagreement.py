@@ -9,7 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gcs_bridge import Monitor
+from gcs_bridge.contract import Diagnosis
+from gcs_bridge.events import DiagnosisMade
+from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from gcs_bridge.viewer import open_viewer
@@ -170,18 +172,32 @@ def test_a_mistake_that_cannot_be_undone_has_no_corrected_triad(tmp_path: Path) 
     assert recording.rows(CORRECTED, TURN)[1] == []
 
 
+def named(*causes: str, candidates: tuple[str, ...] = (), value: float) -> Diagnosis:
+    return Diagnosis(
+        cause="+".join(causes),
+        causes=causes,
+        confidence="probable",
+        distinguishable=len(candidates) == 1,
+        candidates=candidates,
+        side=None,
+        value=value,
+        unit="deg",
+        residual=0.0,
+        next_best=None,
+        fix="",
+    )
+
+
 def test_what_a_diagnosis_leaves_open_is_named_and_what_it_does_not_tell_is_not_undone() -> None:
     """Ties are named; the norm turns nothing; of two values a diagnosis tells but one."""
-    tied = {"causes": ["yaw_offset"], "candidates": ["yaw_offset", "yaw_sign"], "value": -12.04}
-    found = undoing(tied)
+    found = undoing(named("yaw_offset", candidates=("yaw_offset", "yaw_sign"), value=-12.04))
     assert found is not None
     assert found.name == "yaw_offset -12.0° or yaw_sign"
-    norm = {"causes": ["quaternion_conjugate", "quaternion_unnormalised"], "candidates": ["one"], "value": 1.05}
-    found = undoing(norm)
+    found = undoing(named("quaternion_conjugate", "quaternion_unnormalised", candidates=("one",), value=1.05))
     assert found is not None
     assert found.mistake.causes == ("quaternion_conjugate",)
     for causes in (["quaternion_unnormalised"], ["unknown"], ["time_skew", "yaw_offset"], ["frozen_euler"]):
-        assert undoing({"causes": causes, "candidates": [], "value": 1.0}) is None
+        assert undoing(named(*causes, value=1.0)) is None
 
 
 def test_what_is_over_goes(tmp_path: Path) -> None:
@@ -205,9 +221,9 @@ def test_of_a_shelved_alarm_nothing_is_undone(tmp_path: Path) -> None:
         for now_us, frame in wire.records(flown("yaw_offset:25", seconds=12.0)):
             for event in monitor.feed(frame, now_us):
                 sink.event(event)
-                if event["event"] == "diagnosis" and shelved_us is None:
+                if isinstance(event, DiagnosisMade) and shelved_us is None:
                     shelved_us = now_us
-                    for said in monitor.shelve(event["id"], now_us, 3600.0):
+                    for said in monitor.shelve(event.id, now_us, 3600.0):
                         sink.event(said)
         sink.finish()
     recording = Drawn(path)

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,11 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
-from gcs_bridge import Monitor
 from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.cli import main
-from gcs_bridge.events import make_event
+from gcs_bridge.contract import Severity
+from gcs_bridge.events import AlarmCleared, AlarmEvent, AlarmRaised, head
+from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer import open_viewer
 from gcs_bridge.viewer.sink import RerunSink, new_recording
@@ -236,19 +236,21 @@ def test_a_stream_without_times_is_drawn_on_the_boot_clock_alone(tmp_path: Path)
 
 def test_the_state_is_the_worst_that_is_raised(tmp_path: Path) -> None:
     """A warning and an alarm come and go: the worst of both is shown, and at last that all is compared."""
-    story = [
-        ("alarm_raised", "gravity-1", "warning", "warning"),
-        ("alarm_raised", "euler-1", "alarm", "alarm"),
-        ("alarm_cleared", "gravity-1", "warning", "alarm"),
-        ("alarm_cleared", "euler-1", "alarm", "compared"),
+    story: list[tuple[type[AlarmEvent], str, Severity, str]] = [
+        (AlarmRaised, "gravity-1", "warning", "warning"),
+        (AlarmRaised, "euler-1", "alarm", "alarm"),
+        (AlarmCleared, "gravity-1", "warning", "alarm"),
+        (AlarmCleared, "euler-1", "alarm", "compared"),
     ]
     path = tmp_path / "a.rrd"
     with open_viewer(f"save:{path}", say=pytest.fail) as viewer:
         sink = viewer.recording("by hand")
-        for second, (name, alarm, severity, _) in enumerate(story):
-            event = make_event(name, VehicleId(None, 1, 1), 0, 1_000_000 * second, -1, check="gravity")
-            record = AlarmRecord(id=alarm, check="gravity", severity=severity, boot=0, what="", is_not="")
-            sink.event(event | asdict(record))
+        for second, (kind, alarm, severity, _) in enumerate(story):
+            where = head(VehicleId(None, 1, 1), 0, 1_000_000 * second, -1, "gravity")
+            record = AlarmRecord.new(
+                alarm_id=alarm, check="gravity", severity=severity, boot=0, what="", is_not="", unit="deg"
+            )
+            sink.event(kind(**where, **record.told()))
         sink.finish()
     _, states = Drawn(path).rows("/vehicle/1.1/state", "StateChange:state")
     assert states == [[state] for *_, state in story]

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from gcs_bridge import Monitor
 from gcs_bridge.cli import main
+from gcs_bridge.events import AlarmRaised
+from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from gcs_bridge.viewer import ViewerSink, open_viewer
@@ -228,11 +229,11 @@ def test_a_window_opens_at_the_alarm_and_its_end_is_told(tmp_path: Path, monkeyp
             raised = []
             for event in monitor.feed_recording(flown):
                 sink.event(event)
-                raised += [event] if event["event"] == "alarm_raised" else []
+                raised += [event] if isinstance(event, AlarmRaised) else []
             assert sink.finish("alarm")
             window = viewer._window
             seen = Headless(window._port, window.process)
-            eventually(lambda: seen.client.get_state().recordings[0].current_time == round(raised[0]["boot_s"] * 1e9))
+            eventually(lambda: seen.client.get_state().recordings[0].current_time == round(raised[0].boot_s * 1e9))
             os.killpg(window.process.pid, signal.SIGKILL)
             eventually(lambda: len(said) == 2)
             assert "failure" in said[1]
