@@ -6,18 +6,13 @@ from collections.abc import Callable, Iterable
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs_bridge import Monitor
-from gcs_bridge.alarms.grouping import RaiseGrouping
-from gcs_bridge.alarms.record import axis_of
-from gcs_bridge.alarms.state import TRANSITIONS, Alarm, Signal
-from gcs_bridge.alarms.state import State as Standing
+from gcs_bridge.checks.quaternion_norm import QuaternionNorm
 from gcs_bridge.errors import UsageError
-from gcs_bridge.settings import AlarmSettings
 from tests.helpers import wire
 from tests.helpers.craft import (
     BOOT_S,
@@ -94,63 +89,6 @@ def moments(events: Iterable[Json]) -> list[tuple[str, float | None]]:
     ]
 
 
-# --- the table -------------------------------------------------------------------------------------------------------
-
-# After the specification: normal → pending (on-delay) → raised (unacknowledged | acknowledged) → clearing (off-delay)
-# → returned; NO COMPARE when a source is missing or stale, INOP when the comparator cannot run. A dot: nothing changes.
-TABLE = """
-                       bad              between       low                    delayed   acknowledge           lost         broken       found
-normal                 pending          .             .                      .         .                     no_compare   inop         .
-pending                .                normal        normal                 raised    .                     no_compare   inop         .
-raised                 .                .             clearing               .         acknowledged          .            .            .
-acknowledged           .                .             clearing_acknowledged  .         .                     .            .            .
-clearing               raised           raised        .                      returned  clearing_acknowledged raised       raised       .
-clearing_acknowledged  acknowledged     acknowledged  .                      normal    .                     acknowledged acknowledged .
-returned               returned_pending .             .                      .         normal                .            .            .
-returned_pending       .                returned      returned               raised    pending               returned     returned     .
-no_compare             .                .             .                      .         .                     .            inop         normal
-inop                   .                .             .                      .         .                     .            .            normal
-"""  # noqa: E501
-SIGNALS, *ROWS = (line.split() for line in TABLE.strip().splitlines())
-EXPECTED = {
-    (row[0], signal): row[0] if to == "." else to for row in ROWS for signal, to in zip(SIGNALS, row[1:], strict=True)
-}
-
-
-def test_the_table_is_whole() -> None:
-    """Every state meets every signal in the table above."""
-    assert {state.value for state in Standing} == {state for state, _ in EXPECTED}
-    assert {signal.value for signal in Signal} == {signal for _, signal in EXPECTED}
-
-
-@pytest.mark.parametrize("signal", Signal, ids=lambda signal: signal.value)
-@pytest.mark.parametrize("state", Standing, ids=lambda state: state.value)
-def test_each_state_and_signal(state: Standing, signal: Signal) -> None:
-    """What a signal does in a state is what the specification says, and nothing else."""
-    alarm = Alarm(AlarmSettings())
-    alarm.state = state
-    before, after = alarm.signal(signal)
-    assert before is state
-    assert after is alarm.state
-    assert after.value == EXPECTED[state.value, signal.value]
-
-
-def test_no_state_without_a_way_in_and_out() -> None:
-    """Every state can be reached from normal, and normal from every state."""
-
-    def reached(start: Standing) -> set[Standing]:
-        found, new = {start}, [start]
-        while new:
-            state = new.pop()
-            for after in {to for (at, _), to in TRANSITIONS.items() if at is state} - found:
-                found.add(after)
-                new.append(after)
-        return found
-
-    assert reached(Standing.NORMAL) == set(Standing)
-    assert all(Standing.NORMAL in reached(state) for state in Standing)
-
-
 # --- raised, cleared, taken back -------------------------------------------------------------------------------------
 
 
@@ -167,6 +105,19 @@ def test_the_life_of_one_alarm() -> None:
     assert moments(events) == [("pending", 5.2), ("raised", 6.2), ("cleared", 11.2)]
     (alarm,) = alarms(vehicle)
     assert (alarm["id"], alarm["repeats"], alarm["grouped"], alarm["acknowledged"]) == (ID, 0, None, False)
+
+
+def test_samples_for_an_alarm_that_is_not_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A check that rates samples for an alarm that it forgot to list is a mistake at once, not an alarm that is off."""
+    made = QuaternionNorm.__init__
+
+    def forgetful(self: QuaternionNorm, *settings: Any) -> None:
+        made(self, *settings)
+        self.alarm_specs = self.alarm_specs[:1]
+
+    monkeypatch.setattr(QuaternionNorm, "__init__", forgetful)
+    with pytest.raises(LookupError, match="quaternion_norm: its alarm 'alarm' is not among its alarm_specs"):
+        watched(flown((5, 9), seconds=12))
 
 
 # --- repeats, chatter, flood -----------------------------------------------------------------------------------------
@@ -213,24 +164,6 @@ def test_ten_of_any_within_ten_minutes_are_a_flood() -> None:
     raised = [event for event in told(events, "alarm_raised") if event["severity"] == "alarm"]
     assert {event["check"] for event in raised} == {"euler_quaternion", "quaternion_norm"}
     assert [event["grouped"] for event in raised] == [None] * 9 + ["flood"]
-
-
-def grouped(*raises: tuple[float, str]) -> list[str | None]:
-    grouping = RaiseGrouping(AlarmSettings())
-    return [grouping.group(name, round(t_s * 1e6)) for t_s, name in raises]
-
-
-def test_where_the_borders_of_groups_are() -> None:
-    """A repeat within 30 s, three in less than 60 s, ten in less than 600 s; the border itself is outside."""
-    assert grouped((0, "a"), (29.999999, "a")) == [None, "repeat"]
-    assert grouped((0, "a"), (30, "a")) == [None, None]
-    assert grouped((0, "a"), (1, "b")) == [None, None]
-    assert grouped((0, "a"), (30, "a"), (59.999999, "a"))[-1] == "chatter"
-    assert grouped((0, "a"), (30, "a"), (60, "a"))[-1] is None
-    minutes = [(60.0 * i, name) for i, name in enumerate("abcdefghij")]
-    assert grouped(*minutes) == [None] * 9 + ["flood"]
-    assert grouped(*minutes[:9], (600.0, "j"))[-1] is None
-    assert grouped(*minutes[:9], (599.999999, "j"))[-1] == "flood"
 
 
 # --- acknowledged, latched -------------------------------------------------------------------------------------------
@@ -457,33 +390,6 @@ def test_a_reboot_ends_an_alarm() -> None:
         (0, None),
         (1, pytest.approx(13.2)),
     ]
-
-
-# --- what it is about ------------------------------------------------------------------------------------------------
-
-NAN = float("nan")
-
-
-@pytest.mark.parametrize(
-    ("tilt", "heading", "vector", "axis"),
-    [
-        (6, 0, (6, 0, 0), "tilt, about body x (roll)"),
-        (6, 0, (0, -6, 0), "tilt, about body y (pitch)"),
-        (6, 0, (4.2, 4.2, 0), "tilt"),
-        (0, -25, (0, 0, -25), "heading"),
-        (0, 25, (-17, 0, 18), "heading"),  # pitched by 45°: still about down
-        (3, 5.2, (6, 0, 0), "tilt and heading, about body x (roll)"),
-        (5, 5, (4, 3, 5), "tilt and heading"),
-        (170, NAN, (0, 170, 0), "tilt, about body y (pitch)"),
-        (NAN, NAN, (0, 3, 0), "body y (pitch)"),  # no attitude: a rate
-        (NAN, NAN, (2, 2, 2), None),
-        (NAN, NAN, (NAN, NAN, NAN), None),
-        (0, 0, (0, 0, 0), None),
-    ],
-)
-def test_where_a_difference_lies(tilt: float, heading: float, vector: tuple[float, ...], axis: str | None) -> None:
-    """Its parts are named first; a body axis only where the turn is about it, and not where it is about down."""
-    assert axis_of(np.radians([tilt, heading, *vector])) == axis
 
 
 # --- however it is cut -----------------------------------------------------------------------------------------------

@@ -1,7 +1,12 @@
-"""Alarm stories: votes, delays, deadband. Time is in the samples; every moment is worked by hand."""
+"""The tables of an alarm's life, and stories of votes, delays, deadband.
 
-from collections.abc import Sequence
+Time is in the samples; every moment is worked by hand.
+"""
+
+from collections.abc import Hashable, Mapping, Sequence
+from enum import Enum
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs_bridge.alarms.rated import Rated
-from gcs_bridge.alarms.state import Alarm, State
+from gcs_bridge.alarms.state import (
+    ANNOUNCEMENTS,
+    TRANSITIONS,
+    Alarm,
+    Announcement,
+    AnnouncementSignal,
+    Signal,
+    State,
+)
 from gcs_bridge.settings import AlarmSettings
 
 LIMIT = 1.0
@@ -27,7 +40,7 @@ def rated(story: Sequence[tuple[int, float]]) -> Rated:
     return Rated(t_us, np.arange(len(value)), value, value > LIMIT, value <= 0.7 * LIMIT, detail)
 
 
-def told(story: Sequence[tuple[int, float]], cuts: Sequence[int] = (), **changed: float) -> tuple[Statement, Alarm]:
+def told(story: Sequence[tuple[int, float]], cuts: Sequence[int] = (), **changed: Any) -> tuple[Statement, Alarm]:
     """Every change of state while the story is told, cut into batches; the places count through."""
     alarm = Alarm(AlarmSettings(**changed), RECURRING_S)
     changes: Statement = []
@@ -39,12 +52,205 @@ def told(story: Sequence[tuple[int, float]], cuts: Sequence[int] = (), **changed
     return changes, alarm
 
 
-def moments(story: Sequence[tuple[int, float]], **changed: float) -> list[tuple[int, str]]:
+def moments(story: Sequence[tuple[int, float]], **changed: Any) -> list[tuple[int, str]]:
     return [(ms, state) for ms, _, state, _ in told(story, **changed)[0]]
 
 
 def run(first_ms: int, last_ms: int, value: float, step_ms: int = 100) -> list[tuple[int, float]]:
     return [(t, value) for t in range(first_ms, last_ms + 1, step_ms)]
+
+
+# --- the table -------------------------------------------------------------------------------------------------------
+
+# After the specification: normal → pending (on-delay) → raised (unacknowledged | acknowledged) → clearing (off-delay)
+# → returned; NO COMPARE when a source is missing or stale, INOP when the comparator cannot run. A dot: nothing changes.
+TABLE = """
+                       bad              between       low                    delayed   acknowledge           lost         broken       found
+normal                 pending          .             .                      .         .                     no_compare   inop         .
+pending                .                normal        normal                 raised    .                     no_compare   inop         .
+raised                 .                .             clearing               .         acknowledged          .            .            .
+acknowledged           .                .             clearing_acknowledged  .         .                     .            .            .
+clearing               raised           raised        .                      returned  clearing_acknowledged raised       raised       .
+clearing_acknowledged  acknowledged     acknowledged  .                      normal    .                     acknowledged acknowledged .
+returned               returned_pending .             .                      .         normal                .            .            .
+returned_pending       .                returned      returned               raised    pending               returned     returned     .
+no_compare             .                .             .                      .         .                     .            inop         normal
+inop                   .                .             .                      .         .                     .            .            normal
+"""  # noqa: E501
+SIGNALS, *ROWS = (line.split() for line in TABLE.strip().splitlines())
+EXPECTED = {
+    (row[0], signal): row[0] if to == "." else to for row in ROWS for signal, to in zip(SIGNALS, row[1:], strict=True)
+}
+
+
+def test_the_table_is_whole() -> None:
+    """Every state meets every signal in the table above."""
+    assert {state.value for state in State} == {state for state, _ in EXPECTED}
+    assert {signal.value for signal in Signal} == {signal for _, signal in EXPECTED}
+
+
+@pytest.mark.parametrize("signal", Signal, ids=lambda signal: signal.value)
+@pytest.mark.parametrize("state", State, ids=lambda state: state.value)
+def test_each_state_and_signal(state: State, signal: Signal) -> None:
+    """What a signal does in a state is what the specification says, and nothing else."""
+    alarm = Alarm(AlarmSettings())
+    alarm.state = state
+    before, after = alarm.signal(signal)
+    assert before is state
+    assert after is alarm.state
+    assert after.value == EXPECTED[state.value, signal.value]
+
+
+# How it is announced, beside: suppressed by design and shelved, of ISA-18.2's states that hide an alarm.
+ANNOUNCED = """
+                     suppress            release   shelve              unshelve
+told                 suppressed          .         shelved             .
+suppressed           .                   told      shelved_suppressed  .
+shelved              shelved_suppressed  .         .                   told
+shelved_suppressed   .                   shelved   .                   suppressed
+"""
+
+
+def test_the_table_of_announcements() -> None:
+    """Each way of announcing meets each signal as in the table above, and no row is missing or without effect."""
+    signals, *rows = (line.split() for line in ANNOUNCED.strip().splitlines())
+    expected = {(row[0], signal): to for row in rows for signal, to in zip(signals, row[1:], strict=True) if to != "."}
+    assert {state.value for state in Announcement} == {row[0] for row in rows}
+    assert {signal.value for signal in AnnouncementSignal} == set(signals)
+    assert {(at.value, signal.value): to.value for (at, signal), to in ANNOUNCEMENTS.items()} == expected
+
+
+@pytest.mark.parametrize(
+    ("table", "start"), [(TRANSITIONS, State.NORMAL), (ANNOUNCEMENTS, Announcement.TOLD)], ids=["states", "announced"]
+)
+def test_no_state_without_a_way_in_and_out(table: Mapping[tuple[Any, Any], Any], start: Enum) -> None:
+    """Every state can be reached from the first one, and the first one from every state; no row leads nowhere."""
+
+    def reached(begin: Hashable) -> set[Hashable]:
+        found, new = {begin}, [begin]
+        while new:
+            state = new.pop()
+            for after in {to for (at, _), to in table.items() if at is state} - found:
+                found.add(after)
+                new.append(after)
+        return found
+
+    assert reached(start) == set(type(start))
+    assert all(start in reached(state) for state in type(start))
+    assert all(to is not at for (at, _), to in table.items())
+
+
+# --- a story for every row -------------------------------------------------------------------------------------------
+
+ACKNOWLEDGE, LOST, BROKEN, FOUND = Signal.ACKNOWLEDGE, Signal.LOST, Signal.BROKEN, Signal.FOUND
+RAISING, CLEARING, GONE = (BAD, 2.0), (GOOD, 1.0), (GOOD, 4.0)  # a value, and for how many seconds
+LATCHED = (RAISING, GONE)
+# What happens, and the states that it brings; ten samples a second, the delays of the default settings.
+STORIES: dict[str, tuple[tuple[tuple[float, float] | Signal, ...], str]] = {
+    "taken back": (((BAD, 0.6), (GOOD, 1)), "pending normal"),
+    "taken back by what is not quite good": (((BAD, 0.6), (HIGH, 1)), "pending normal"),
+    "gone unseen, then seen": ((*LATCHED, ACKNOWLEDGE), "pending raised clearing returned normal"),
+    "seen, then gone": (
+        (RAISING, ACKNOWLEDGE, GONE),
+        "pending raised acknowledged clearing_acknowledged normal",
+    ),
+    "seen while it clears": (
+        (RAISING, CLEARING, ACKNOWLEDGE, GONE),
+        "pending raised clearing clearing_acknowledged normal",
+    ),
+    "relapse": ((RAISING, CLEARING, RAISING), "pending raised clearing raised"),
+    "half a relapse": ((RAISING, CLEARING, (HIGH, 1)), "pending raised clearing raised"),
+    "relapse, seen": (
+        (RAISING, ACKNOWLEDGE, CLEARING, RAISING),
+        "pending raised acknowledged clearing_acknowledged acknowledged",
+    ),
+    "half a relapse, seen": (
+        (RAISING, ACKNOWLEDGE, CLEARING, (HIGH, 1)),
+        "pending raised acknowledged clearing_acknowledged acknowledged",
+    ),
+    "back behind a latch": (
+        (*LATCHED, RAISING),
+        "pending raised clearing returned returned_pending raised",
+    ),
+    "nearly back behind a latch": (
+        (*LATCHED, (BAD, 0.6), (GOOD, 1)),
+        "pending raised clearing returned returned_pending returned",
+    ),
+    "not quite gone behind a latch": (
+        (*LATCHED, (BAD, 0.6), (HIGH, 1)),
+        "pending raised clearing returned returned_pending returned",
+    ),
+    "the latch seen while it comes back": (
+        (*LATCHED, (BAD, 0.6), ACKNOWLEDGE, RAISING),
+        "pending raised clearing returned returned_pending pending raised",
+    ),
+    "lost and found": ((LOST, (GOOD, 1), FOUND), "no_compare normal"),
+    "lost, then broken": ((LOST, BROKEN, FOUND), "no_compare inop normal"),
+    "broken": ((BROKEN, FOUND), "inop normal"),
+    "lost while pending": (((BAD, 0.6), LOST), "pending no_compare"),
+    "broken while pending": (((BAD, 0.6), BROKEN), "pending inop"),
+    "lost while it clears": ((RAISING, CLEARING, LOST), "pending raised clearing raised"),
+    "broken while it clears": ((RAISING, CLEARING, BROKEN), "pending raised clearing raised"),
+    "lost while it clears, seen": (
+        (RAISING, ACKNOWLEDGE, CLEARING, LOST),
+        "pending raised acknowledged clearing_acknowledged acknowledged",
+    ),
+    "broken while it clears, seen": (
+        (RAISING, ACKNOWLEDGE, CLEARING, BROKEN),
+        "pending raised acknowledged clearing_acknowledged acknowledged",
+    ),
+    "lost behind a latch": (
+        (*LATCHED, (BAD, 0.6), LOST),
+        "pending raised clearing returned returned_pending returned",
+    ),
+    "broken behind a latch": (
+        (*LATCHED, (BAD, 0.6), BROKEN),
+        "pending raised clearing returned returned_pending returned",
+    ),
+}
+
+
+class Walked(Alarm):
+    """An alarm that notes which rows of the table it takes, and where they lead."""
+
+    def __init__(self) -> None:
+        super().__init__(AlarmSettings())
+        self.rows: list[tuple[State, Signal]] = []
+        self.states: list[str] = []
+
+    def signal(self, signal: Signal) -> tuple[State, State]:
+        before, after = super().signal(signal)
+        if after is not before:
+            self.rows.append((before, signal))
+            self.states.append(after.value)
+        return before, after
+
+
+def walked(name: str) -> Walked:
+    alarm, now_ms = Walked(), 0
+    for step in STORIES[name][0]:
+        if isinstance(step, Signal):
+            alarm.signal(step)
+            continue
+        value, seconds = step
+        end_ms = now_ms + round(seconds * 1000)
+        list(alarm.feed(rated(run(now_ms, end_ms - 100, value))))
+        now_ms = end_ms
+    return alarm
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_a_story(name: str) -> None:
+    """What happens brings these states, in this order, and no others."""
+    assert walked(name).states == STORIES[name][1].split()
+
+
+def test_the_stories_walk_every_row() -> None:
+    """No row of the table is dead: each is taken in one of the stories above."""
+    assert {row for name in STORIES for row in walked(name).rows} == set(TRANSITIONS)
+
+
+# --- votes and delays ------------------------------------------------------------------------------------------------
 
 
 def test_health_is_silent() -> None:

@@ -163,7 +163,7 @@ def test_a_moment_ends_with_a_silence() -> None:
     # The clock of the vehicle stood still meanwhile: only the silence tells that the moment is over.
     frames = [frame for _, frame in flown(10, fault_s=(99.0, 99.0), boot_ms=30_000)]
     behind = [(last_us + 40_000_000 + 20_000 * i, frame) for i, frame in enumerate(frames)]
-    recorded = by_id(watched([wire.tlog(before + behind)]))[live.alarm["id"]]
+    recorded = by_id(watched([wire.tlog(before + behind)]))[live.alarm.id]
     assert same(recorded["tables"], content(live)["tables"])
 
 

@@ -29,7 +29,7 @@ before = resident_mb()
 for first in range(1, 500, 25):
     monitor.feed(batch(first, min(25, 500 - first)), wire.START_US + first)
 gc.collect()
-print(resident_mb() - before, sum(len(file["vehicles"]) for file in monitor.close().files))
+print(resident_mb() - before, sum(len(file.vehicles) for file in monitor.close().files))
 """
 
 

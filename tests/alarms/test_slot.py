@@ -1,0 +1,64 @@
+"""One alarm between its samples and what is told of it: signals take effect where their frames are."""
+
+import numpy as np
+
+from gcs_bridge.alarms.rated import Rated
+from gcs_bridge.alarms.slot import AlarmSlot
+from gcs_bridge.alarms.spec import AlarmSpec
+from gcs_bridge.alarms.state import Announcement, AnnouncementSignal, Signal, State
+from gcs_bridge.settings import AlarmSettings
+
+AT_ONCE = AlarmSettings(bad_samples=1, counted_samples=1, on_delay_s=0.0, off_delay_s=0.0)
+SPEC = AlarmSpec(
+    check="made_up",
+    name="alarm",
+    id_part="made_up",
+    severity="alarm",
+    what="it is bad",
+    not_a_sign_of="not of anything else",
+    unit="1",
+    delays=AT_ONCE,
+)
+
+
+def samples(*values: float) -> Rated:
+    """One a frame from frame 0 on, a second apart; above 1 is bad, any other is low."""
+    value, frame_index = np.array(values), np.arange(len(values))
+    return Rated(1_000_000 * frame_index, frame_index, value, value > 1, value <= 1, np.full((len(values), 5), np.nan))
+
+
+def changes(slot: AlarmSlot, rated: Rated | None, *signals: tuple[int, Signal | None]) -> list[tuple[int, str, float]]:
+    return [(at, change.state.value, change.worst.value) for at, change in slot.advance(rated, signals)]
+
+
+def test_a_signal_comes_between_the_samples() -> None:
+    """Lost with frame 2, whose own sample comes behind it; of two signals the earlier frame is first."""
+    assert changes(AlarmSlot(SPEC), samples(0, 0, 5), (2, Signal.LOST)) == [(2, "no_compare", -1.0)]
+    assert changes(AlarmSlot(SPEC), samples(0, 0, 0, 5), (2, Signal.FOUND), (1, Signal.LOST)) == [
+        (1, "no_compare", -1.0),
+        (2, "normal", -1.0),
+        (3, "pending", 5.0),
+        (3, "raised", 5.0),
+    ]
+
+
+def test_a_signal_without_samples() -> None:
+    """What changes nothing is not told."""
+    assert changes(AlarmSlot(SPEC), None, (7, Signal.LOST), (8, Signal.LOST)) == [(7, "no_compare", -1.0)]
+
+
+def test_where_the_alarm_is_with_a_frame() -> None:
+    """No signal asks for the peak so far: of the samples before that frame, not of those behind it."""
+    found = changes(AlarmSlot(SPEC), samples(5, 6, 9), (2, None))
+    assert found == [(0, "pending", 5.0), (0, "raised", 5.0), (2, "raised", 6.0)]
+
+
+def test_a_new_boot_forgets_all_but_the_shelf() -> None:
+    """What was shelved stays so; what was suppressed is over with the boot."""
+    slot = AlarmSlot(SPEC)
+    changes(slot, samples(5))
+    slot.state = State.RAISED
+    slot.announce(AnnouncementSignal.SUPPRESS)
+    slot.announce(AnnouncementSignal.SHELVE)
+    slot.start_boot()
+    assert (slot.state, slot.alarm.state, slot.announcement) == (State.NORMAL, State.NORMAL, Announcement.SHELVED)
