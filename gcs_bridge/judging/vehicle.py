@@ -41,13 +41,14 @@ from gcs_bridge.judging.diagnosis_cases import SentBatch
 from gcs_bridge.judging.estimator_resets import Reset, Statements
 from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.mavlink.requests import request_command
+from gcs_bridge.pairing.references import VehicleImu
 from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
-from gcs_bridge.telemetry.batches import Ahrs2Batch, BootSegment, ClockNotice, ImuBatch, VehicleBatch, no_segment
+from gcs_bridge.telemetry.batches import BootSegment, ClockNotice, VehicleBatch, no_segment
 from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
-from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION
+from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, Ahrs2Samples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
 from gcs_bridge.telemetry.stillness import Stillness
 from gcs_bridge.telemetry.stream_counts import StreamCount
@@ -100,7 +101,7 @@ class VehicleJudge:
         for notice in batch.clock_changes:
             yield self._clock_notice(notice)
         boots = {segment.boot: segment for segment in batch.segments}
-        more = [*(inertial.samples.boot for inertial in batch.imu.values()), batch.secondary.samples.boot]
+        more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
         for index in sorted(boots.keys() | set(np.unique(np.concatenate(more)).tolist())):
             yield from self._take_boot(index, boots.get(index), batch, link)
         yield from self.advance(link)
@@ -195,17 +196,16 @@ class VehicleJudge:
         yield from self._judge(boot, segment, batch, link)
 
     def _judge(self, boot: Boot, segment: BootSegment, batch: VehicleBatch, link: LinkClock) -> Iterator[Notice]:
-        at = (segment.frame_index[segment.message == 0], segment.frame_index[segment.message == 1])
-        sent = segment.euler
+        sent, quaternion = segment.euler, segment.quaternion
         until = int(segment.frame_index[-1]) if len(segment.frame_index) else -1
         told = [say for say in self._news if say.frame_index <= until]
         self._news = [say for say in self._news if say.frame_index > until]
         self._expected.told(say for say in told if isinstance(say, ParameterSet | ModeSet))
-        corrected = self._expected.correct(sent, at[0], segment.quaternion, at[1])
+        corrected = self._expected.correct(sent, quaternion)
         euler = sent if corrected.q_nb is sent.q_nb else replace(sent, q_nb=corrected.q_nb)
-        self._follow_trims(corrected, at[0])
+        self._follow_trims(corrected)
         paired = np.flatnonzero(segment.valid_attitude)
-        valid = (euler[euler.valid], segment.quaternion[segment.quaternion.valid])
+        valid = (euler[euler.valid], quaternion[quaternion.valid])
         by_stream = np.argsort(segment.message[paired], kind="stable")
         order = np.argsort(by_stream, kind="stable")  # the inverse: from one stream behind the other to arrival
         as_sent = None if euler is sent else sent.q_nb[sent.valid]
@@ -215,49 +215,37 @@ class VehicleJudge:
         periods[0, paired], periods[1, paired] = aligned.period_us, aligned.rx_period_us
         self._count(segment, periods[0])
         line = Timeline(
-            np.minimum(segment.message, OTHER),
-            segment.t_boot_us,
-            link.latest_rx_us[segment.frame_index - link.frame_index[0]],
-            segment.frame_index,
-            periods[0],
-            periods[1],
+            frame_index=segment.frame_index,
+            stream=np.minimum(segment.message, OTHER),
+            t_boot_us=segment.t_boot_us,
+            t_rx_us=link.latest_rx_us[segment.frame_index - link.frame_index[0]],
+            period_us=periods[0],
+            rx_period_us=periods[1],
+            lost=segment.lost,
+            received=segment.received,
         )
         turns = self._heard_on(list(boot.liveness.take(line, link)) if len(segment.message) else [], link)
         notices, signals = self._turns(boot, turns, link)
         yield from notices
 
         imu = self._imu_of(boot, batch)
-        sensed = np.empty(0, np.int64) if imu is None else imu.frame_index
-        may_rest, stands = self._stillness.at(sensed)
-        trim_b_rad = self._trim_at(sensed)
-        attitudes = boot.attitude.take(euler, at[0], segment.quaternion, at[1])
-        secondary = _of_boot(batch.secondary, boot)
-        valid_at = (at[0][euler.valid], at[1][segment.quaternion.valid])
+        attitudes = boot.attitude.take(euler, quaternion)
         flight = CheckBatch(
-            euler,
-            at[0],
-            segment.quaternion,
-            at[1],
-            aligned.pairs,
-            segment.frame_index[paired[aligned.pairs.completed_by]],
-            aligned.steps,
-            (valid_at[0][aligned.steps[0].row], valid_at[1][aligned.steps[1].row]),
-            attitudes,
-            imu,
-            may_rest,
-            stands,
-            trim_b_rad,
-            boot.imu_lookup.feed(attitudes, imu, trim_b_rad, may_rest, stands),
-            secondary,
-            self._fixed_wing,
-            self._ardupilot,
-            turns,
-            line,
-            segment.lost,
-            segment.received,
-            told,
+            euler=euler,
+            quaternion=quaternion,
+            pairs=aligned.pairs,
+            steps=aligned.steps,
+            attitude=attitudes,
+            imu=imu,
+            imu_with_attitude=boot.imu_lookup.feed(attitudes, imu),
+            secondary=_of_boot(batch.secondary, boot),
+            fixed_wing=self._fixed_wing,
+            ardupilot=self._ardupilot,
+            stream_changes=turns,
+            line=line,
+            statements=told,
         )
-        for reset in boot.resets.take(flight.steps, flight.step_frame_index):
+        for reset in boot.resets.take(flight.steps):
             boot.diagnosis_cases.reset_at(reset.frame_index, reset.t1_us)
             yield self._reset_notice(boot, reset, link)
         ratings = [found for check in self._checks for found in check.judge(flight)]
@@ -267,15 +255,12 @@ class VehicleJudge:
         assert found is not None
         boot.diagnosis_cases.keep(
             SentBatch(
-                sent,
-                at[0],
-                corrected,
-                segment.quaternion,
-                at[1],
-                aligned.pairs,
-                flight.pair_frame_index,
-                found.angle,
-                found.judged & (found.angle > found.limit),
+                euler=sent,
+                corrected=corrected,
+                quaternion=quaternion,
+                pairs=aligned.pairs,
+                angle_rad=found.angle,
+                bad=found.judged & (found.angle > found.limit),
             )
         )
         told_of = [
@@ -287,7 +272,15 @@ class VehicleJudge:
         yield from told_of
         if self._observer is not None:
             self._observer(
-                Observation(self.vehicle, segment, aligned.pairs, found, flight, corrected, tuple(in_order(told_of)))
+                Observation(
+                    vehicle=self.vehicle,
+                    segment=segment,
+                    pairs=aligned.pairs,
+                    disagreement=found,
+                    flight=flight,
+                    corrected=corrected,
+                    notices=tuple(in_order(told_of)),
+                )
             )
 
     def _ask(self, boot: Boot, moment: AlarmTransition, link: LinkClock) -> Iterator[Notice]:
@@ -313,14 +306,19 @@ class VehicleJudge:
         if answer.entry is not None and answer.entry != record.diagnosis:
             yield from self.alarm_manager.diagnosis(record, answer.entry, frame_index, t_boot_us, link.at(frame_index))
 
-    def _imu_of(self, boot: Boot, batch: VehicleBatch) -> ImuBatch | None:
+    def _imu_of(self, boot: Boot, batch: VehicleBatch) -> VehicleImu | None:
         """The samples, within the boot, of the one sensor that is judged by."""
         own = {}
-        for name, (samples, frame_index) in batch.imu.items():
-            rows = (samples.boot == boot.index) & (samples.t_boot_us >= 0) & (frame_index >= boot.frame_index)
-            if rows.any():
-                own[name] = ImuBatch(samples[rows], frame_index[rows])
-        return boot.imu.take(own)
+        for name, samples in batch.imu.items():
+            mine = (samples.boot == boot.index) & (samples.t_boot_us >= 0) & (samples.frame_index >= boot.frame_index)
+            if mine.any():
+                own[name] = samples.where(mine)
+        chosen = boot.imu.take(own)
+        if chosen is None:
+            return None
+        may_rest, stands = self._stillness.at(chosen.frame_index)
+        trim_b_rad = self._trim_at(chosen.frame_index)
+        return VehicleImu(**vars(chosen), may_rest=may_rest, stands=stands, trim_b_rad=trim_b_rad)
 
     def _trim_at(self, frame_indices: Int64s) -> Floats:
         """The turn (n, 3) from the body's axes to the sensor's, by the trims told."""
@@ -328,16 +326,17 @@ class VehicleJudge:
             [*(trim.at(frame_indices) for trim in self._trims.values()), np.zeros(len(frame_indices))]
         )
 
-    def _follow_trims(self, corrected: Corrected, frame_indices: Int64s) -> None:
+    def _follow_trims(self, corrected: Corrected) -> None:
         """AHRS_TRIM as it is told, and as it shows in ATTITUDE where it is not."""
-        undone = np.vstack((self._trim_b_rad, corrected.trim_b_rad(len(frame_indices))))
+        undone = np.vstack((self._trim_b_rad, corrected.trim_b_rad))
         changes = np.flatnonzero((np.diff(undone, axis=0) != 0).any(axis=1))
         self._trim_b_rad = undone[-1]
         news = [(say.frame_index, say.name, say.value) for say in self._trims_told]
         self._trims_told.clear()
         for row in changes.tolist():
             news += [
-                (int(frame_indices[row]), name, value) for name, value in zip(_TRIMS, undone[row + 1], strict=False)
+                (int(corrected.frame_index[row]), name, value)
+                for name, value in zip(_TRIMS, undone[row + 1], strict=False)
             ]
         for frame_index, name, value in sorted(news):
             self._trims[name].put(np.array([frame_index]), np.array([value]))
@@ -494,10 +493,9 @@ class VehicleJudge:
         )
 
 
-def _of_boot(secondary: Ahrs2Batch, boot: Boot) -> Ahrs2Batch:
+def _of_boot(secondary: Ahrs2Samples, boot: Boot) -> Ahrs2Samples:
     """What came of the second estimate within the boot."""
-    rows = (secondary.samples.boot == boot.index) & (secondary.frame_index >= boot.frame_index)
-    return Ahrs2Batch(secondary.samples[rows], secondary.frame_index[rows], secondary.gap_us[rows])
+    return secondary.where((secondary.boot == boot.index) & (secondary.frame_index >= boot.frame_index))
 
 
 def how_to_get(message: str, autopilot: str) -> str:

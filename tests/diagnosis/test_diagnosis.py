@@ -65,10 +65,17 @@ def samples(t_s: Array, attitude: Rotation | Array, rates: Array, source: str) -
         sent = attitude
     sent = sent.astype(np.float32).astype(np.float64)
     t_us = np.rint(t_s * 1000).astype(np.int64) * 1000
-    zeros, valid = np.zeros(n, np.int64), np.ones(n, np.bool_)
-    q = np.zeros((n, 4)) if source == ATTITUDE else sent
-    rpy = sent if source == ATTITUDE else None
-    return AttitudeSamples(t_us, zeros, zeros - 1, q, rates, valid, source, rpy)
+    return AttitudeSamples(
+        frame_index=np.arange(n),
+        boot=np.zeros(n, np.int64),
+        t_boot_us=t_us,
+        t_rx_us=np.full(n, -1),
+        q_nb=np.zeros((n, 4)) if source == ATTITUDE else sent,
+        w_nb_b_rad_s=rates,
+        valid=np.ones(n, np.bool_),
+        source=source,
+        rpy_rad=sent if source == ATTITUDE else None,
+    )
 
 
 def made(t_s: Array, true: Rotation, rates: Array, *, rpy: Array | None = None, wxyz: Array | None = None) -> Window:

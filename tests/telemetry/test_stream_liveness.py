@@ -35,7 +35,17 @@ def told(
             what = np.array([story[i][0] for i in mine])
             period = np.where(what == OTHER, -1, 1000 * period_ms)
             t_us = np.array([1000 * story[i][1] for i in mine])
-            turns += liveness.take(Timeline(what, t_us, rx[mine], mine, period, period), clock)
+            line = Timeline(
+                frame_index=mine,
+                stream=what,
+                t_boot_us=t_us,
+                t_rx_us=rx[mine],
+                period_us=period,
+                rx_period_us=period,
+                lost=np.zeros_like(mine),
+                received=mine,
+            )
+            turns += liveness.take(line, clock)
         turns += liveness.pass_silence(clock)
     return turns, liveness
 
