@@ -40,6 +40,7 @@ def test_a_writable_package_or_home_or_a_users_own_choice_is_left_alone(monkeypa
     assert os.environ["NUMBA_CACHE_DIR"] == "/chosen"
 
 
+@pytest.mark.slow
 def test_the_first_compile_is_announced_and_the_next_run_is_silent(tmp_path: Path) -> None:
     """One line on stderr before the wait; the machine code is kept for the next process."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}

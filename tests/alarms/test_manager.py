@@ -415,6 +415,7 @@ def story(cuts: list[int]) -> tuple[list[Json], Json]:
     return events, monitor.close().to_dict()["files"][0]["vehicles"][0]
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(cuts=st.lists(st.integers(0, 10**6), max_size=60))
 def test_any_cutting_tells_the_same_story(cuts: list[int]) -> None:

@@ -72,6 +72,7 @@ def test_products_vectors_and_distances(q: Array, other: Array) -> None:
     close(attitude.angle_between(q, other), (a.inv() * b).magnitude(), 1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_euler_angles(q: Array, sequence: str) -> None:
     """All 24 sequences of 1e5 random rotations agree with SciPy to 1e-12 rad away from their singularities."""

@@ -1,5 +1,7 @@
 """`gcs-bridge check` as people run it, on what it cannot use: one clear line, its exit code, nothing half-written."""
 
+import contextlib
+import io
 import json
 import os
 import subprocess
@@ -11,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from gcs_bridge.cli import main
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from tests.helpers import wire
@@ -30,18 +33,21 @@ class Ended(NamedTuple):
     err: list[str]
 
 
-def check(*arguments: Any, folder: Path | None = None, prefix: Iterable[str] = ()) -> Ended:
+def check(*arguments: Any, folder: Path | None = None) -> Ended:
+    """Run the command in this process: what the installed one does beside is another's matter."""
+    said, err = io.BytesIO(), io.StringIO()
+    out = io.TextIOWrapper(said, encoding="utf-8", write_through=True)
+    with contextlib.chdir(folder or "."), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(["check", *map(str, arguments)])
+    return Ended(code, said.getvalue().decode(), err.getvalue().splitlines())
+
+
+def check_installed(*arguments: Any, folder: Path | None = None, prefix: Iterable[str] = ()) -> Ended:
     """Run the installed command."""
     command = [*prefix, str(Path(sys.executable).with_name("gcs-bridge")), "check", *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=folder, check=False)
     assert "Traceback" not in done.stderr + done.stdout
     return Ended(done.returncode, done.stdout, done.stderr.splitlines())
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled() -> None:
-    """The first run after an installation announces that it compiles; have it done."""
-    check(GOOD)
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +99,7 @@ def test_one_source_that_cannot_be_used(name: str, folder: Path) -> None:
 def test_many_sources_that_cannot_be_used(folder: Path) -> None:
     """Several of them are one line each, in the order given; the good one among them is judged; the exit code is 3."""
     names = [name for name, _ in SOURCES]
-    ended = check(*names[:5], GOOD, *names[5:], folder=folder)
+    ended = check_installed(*names[:5], GOOD, *names[5:], folder=folder)
     assert ended.code == SOURCE
     assert len(ended.err) == len(SOURCES)
     assert all(line.startswith("gcs-bridge: error: ") for line in ended.err)
@@ -128,7 +134,7 @@ def test_no_permission(tmp_path: Path) -> None:
         prefix = [sys.executable, "-c", AS_OTHERS]
         if subprocess.run([*prefix, "/bin/cat", locked], capture_output=True, check=False).returncode == 0:
             pytest.skip("runs as root, whose privileges cannot be dropped here: every file can be read")
-    ended = check(locked, GOOD, prefix=prefix)
+    ended = check_installed(locked, GOOD, prefix=prefix)
     assert ended.code == SOURCE
     (line,) = ended.err
     assert str(locked) in line

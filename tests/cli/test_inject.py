@@ -195,6 +195,7 @@ def test_numbers_by_hand(fault: str, said: str, inject: Any) -> None:
     assert said in inject(COPTER, "--fault", fault).out
 
 
+@pytest.mark.slow
 def test_the_next_command_is_ready_to_be_typed(tmp_path: Path) -> None:
     """A shell takes it as it stands, even with a space in the name, and it finds the 25° that were put in."""
     target = tmp_path / "my flight.tlog"
@@ -349,6 +350,7 @@ def test_the_pages_first_example_is_what_is_said(inject: Any, tmp_path: Path) ->
     assert inject(*shlex.split(example[1])).out == example[2]
 
 
+@pytest.mark.slow
 def test_the_pages_tables_are_what_check_says(monkeypatch: pytest.MonkeyPatch) -> None:
     """Made anew, they differ by rounding at most. If they do not: run `python tools/inject_tables.py`."""
     monkeypatch.syspath_prepend(str(ROOT / "tools"))
@@ -360,6 +362,7 @@ def test_the_pages_tables_are_what_check_says(monkeypatch: pytest.MonkeyPatch) -
     np.testing.assert_allclose(seen, expected, rtol=0, atol=0.11)  # of a tenth of a degree or second
 
 
+@pytest.mark.slow
 def test_the_pages_loop_does_what_it_says(tmp_path: Path) -> None:
     """Typed into a shell, the test set is made and judged as the page shows."""
     commands, shown = (re.search(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL) for kind in ("sh", "text"))

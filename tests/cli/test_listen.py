@@ -8,7 +8,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -36,7 +36,7 @@ NO_VIEWER = ("--viewer", "none")
 
 
 @contextlib.contextmanager
-def vehicle(port: int, frames: list[RawFrame], speed: float = 1.0) -> Iterator[threading.Thread]:
+def vehicle(port: int, frames: Sequence[RawFrame], speed: float = 1.0) -> Iterator[threading.Thread]:
     """Somebody who sends frames to a UDP port of this machine."""
 
     def send() -> None:
@@ -53,6 +53,7 @@ def listening(port: int, *options: str) -> Process:
     return Process("listen", f"udpin:127.0.0.1:{port}", *NO_VIEWER, *options)
 
 
+@pytest.mark.slow
 def test_real_speed(tmp_path: Path) -> None:
     """Over UDP and TCP, as fast as the vehicle sent it: the alarms of `check`, and the recordings give them again."""
     port = free_port()
@@ -90,6 +91,7 @@ def test_real_speed(tmp_path: Path) -> None:
         assert process.said[-1].endswith(": 1 vehicle, 1 alarm\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_signals_end_within_a_second(number: signal.Signals, tmp_path: Path) -> None:
     """With 0, a summary, and files that are closed and whole, while data come."""
@@ -120,6 +122,7 @@ def test_a_signal_while_nothing_comes() -> None:
     assert process.said[-1].startswith("NO COMPARE")
 
 
+@pytest.mark.slow
 def test_killed(tmp_path: Path) -> None:
     """After kill −9 the recording has every frame that was judged, and its alarms."""
     port, tlog, events = free_port(), tmp_path / "live.tlog", tmp_path / "events.jsonl"
@@ -154,6 +157,7 @@ def test_events_on_standard_output(tmp_path: Path) -> None:
     assert said == f"AGREE       udpin:127.0.0.1:{port}: 2 vehicles, no alarm\n"
 
 
+@pytest.mark.slow
 def test_quiet(tmp_path: Path) -> None:
     """-q shows alarms, and the summary."""
     port, events = free_port(), tmp_path / "events.jsonl"
@@ -239,6 +243,7 @@ def test_port_in_use(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_recording_that_fails_is_told(capfd: pytest.CaptureFixture[str]) -> None:
     """Listening goes on to its end, which is 2: an output could not be written."""
@@ -251,6 +256,7 @@ def test_a_recording_that_fails_is_told(capfd: pytest.CaptureFixture[str]) -> No
     assert "2 vehicles, no alarm" in shown.out
 
 
+@pytest.mark.slow
 def test_without_a_viewer_rerun_is_not_loaded() -> None:
     """`--viewer none` works where the viewer cannot even be imported."""
     program = (
@@ -264,6 +270,7 @@ def test_without_a_viewer_rerun_is_not_loaded() -> None:
 # --- demo ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_demo(tmp_path: Path) -> None:
     """It ends by itself, raises its one alarm after half of its time, and says what to type next."""
     events = tmp_path / "events.jsonl"

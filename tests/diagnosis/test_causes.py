@@ -214,6 +214,7 @@ def values(draw: st.DrawFn, cause: Cause) -> Value:
     return tuple(draw(st.floats(max(parameter.least, -most), most)) for _ in range(parameter.count))
 
 
+@pytest.mark.slow
 @with_undo
 @given(data=st.data())
 def test_undone_is_never_made(cause: Cause, data: st.DataObject) -> None:

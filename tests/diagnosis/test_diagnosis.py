@@ -574,6 +574,7 @@ def untold(folder: Path, name: str, *faults: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rates", ["as it is", "10 and 4 Hz"])
 @pytest.mark.parametrize("name", TRIMMED)
 @pytest.mark.parametrize("fault", ["quaternion_conjugate", "roll_pitch_swapped", "yaw_offset:12", "time_skew:-250"])

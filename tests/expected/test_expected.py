@@ -679,6 +679,7 @@ def test_what_was_told_is_not_hidden() -> None:
 # --- however it was cut ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "sysid"), [(name, sysid) for name, sysid, *_ in [*TOLD, *UNTOLD]])
 @pytest.mark.parametrize("fault", [None, "pitch_sign"])
 def test_cuts_change_nothing(name: str, sysid: int, fault: str | None) -> None:

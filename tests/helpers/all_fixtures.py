@@ -9,7 +9,7 @@ import argparse
 import socket
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -32,7 +32,7 @@ from tests.helpers.live_links import (
 from tests.helpers.paths import FIXTURES
 
 
-def over_udp(frames: list[RawFrame], speed: float, recorder: TlogRecorder) -> Live:
+def over_udp(frames: Sequence[RawFrame], speed: float, recorder: TlogRecorder) -> Live:
     seen: list[int] = []
 
     def record(link: int | str, came: list[RawFrame]) -> None:
@@ -46,7 +46,7 @@ def over_udp(frames: list[RawFrame], speed: float, recorder: TlogRecorder) -> Li
     return live
 
 
-def over_tcp(frames: list[RawFrame], speed: float, recorder: TlogRecorder) -> Live:
+def over_tcp(frames: Sequence[RawFrame], speed: float, recorder: TlogRecorder) -> Live:
     with tcp_sender(frames, speed) as (port, _):
         link = open_link(NetworkUri("tcp", "127.0.0.1", port))
         with Live(link, on_frames=recorder.frames) as live:
@@ -54,7 +54,7 @@ def over_tcp(frames: list[RawFrame], speed: float, recorder: TlogRecorder) -> Li
     return live
 
 
-def differences(flown: list[RawFrame], way: Callable[..., Live], speed: float = 1.0) -> str:
+def differences(flown: Sequence[RawFrame], way: Callable[..., Live], speed: float = 1.0) -> str:
     """Fly a recording over one kind of link; say what is not as in the recording, "" where nothing is."""
     expected = recorded_judgement(tlog_of(flown))
     with tempfile.TemporaryDirectory() as folder, LiveFile(Path(folder) / "live.tlog", print) as file:

@@ -1,6 +1,7 @@
 """What the tests of live links share: recorded frames, senders, and `gcs-bridge` as a process."""
 
 import contextlib
+import functools
 import json
 import os
 import signal
@@ -39,15 +40,16 @@ def tlog_of(frames: Sequence[RawFrame]) -> bytes:
     return b"".join(frame.t_rx_us.to_bytes(8, "big") + frame.data for frame in frames)
 
 
-def fixture(name: str, *, from_s: float = 0.0, to_s: float = 1e6, fault: str | None = None) -> list[RawFrame]:
+@functools.cache
+def fixture(name: str, *, from_s: float = 0.0, to_s: float = 1e6, fault: str | None = None) -> tuple[RawFrame, ...]:
     """The frames of a bundled recording between two times, the last third with a fault."""
     frames = frames_of((FIXTURES / f"{name}.tlog").read_bytes())
     first_us = frames[0].t_rx_us
     frames = [frame for frame in frames if from_s * 1e6 <= frame.t_rx_us - first_us < to_s * 1e6]
     if fault is None:
-        return frames
+        return tuple(frames)
     lasts_s = (frames[-1].t_rx_us - frames[0].t_rx_us) / 1e6
-    return frames_of(inject(tlog_of(frames), [parse_fault(fault)], from_s=lasts_s * 2 / 3))
+    return tuple(frames_of(inject(tlog_of(frames), [parse_fault(fault)], from_s=lasts_s * 2 / 3)))
 
 
 def judgement(entry: File) -> list[dict[str, Any]]:

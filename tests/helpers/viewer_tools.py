@@ -25,6 +25,10 @@ from gcs_bridge.viewer import open_viewer
 RERUN = (sys.executable, "-m", "rerun_cli")
 QUIET = {**os.environ, "CI": "1", "RUST_LOG": "error"}  # CI: no welcome, and nothing is reported home
 
+# A viewer binds its port some time after it was found free: each worker of pytest-xdist looks among 400 of its own.
+_FIRST_PORT = 20_000 + 400 * (int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % 100)
+DATA_PORT, WEB_PORT, WINDOW_PORT, HEADLESS_PORT = range(_FIRST_PORT, _FIRST_PORT + 400, 100)
+
 can_draw = pytest.mark.skipif(
     not (ctypes.util.find_library("vulkan") and any(Path("/usr/share/vulkan/icd.d").glob("*"))),
     reason="the viewer needs a graphics driver: apt-get install mesa-vulkan-drivers libvulkan1",

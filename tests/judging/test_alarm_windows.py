@@ -86,6 +86,7 @@ def boot_ms_of(moment: AlarmWindow) -> list[int]:
     return [t_us // 1000 for one in moment.observations for t_us in one.segment.euler.t_boot_us.tolist()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "fault", "sizes"),
     [

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from itertools import accumulate
 from typing import Any
 
+import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_bridge import Monitor
@@ -69,6 +70,7 @@ def by_time(records: Iterable[Record]) -> list[tuple[int, Record]]:
     return list(zip(accumulate((t_us for t_us, _ in listed), max), listed, strict=True))
 
 
+@pytest.mark.slow
 def test_sixteen_vehicles_on_one_link() -> None:
     """Interleaved, as a swarm's link brings them, every vehicle has the very entry that its own recording gives: the
     same numbers of every check, the same alarms at the same times, none of another's.

@@ -436,6 +436,7 @@ def test_a_vehicle_that_falls_silent() -> None:
     assert utc_s(seen) == pytest.approx(121, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_deadline_on_a_link_that_others_keep_alive() -> None:
     """A vehicle that falls silent is told of when another's message passes its deadline, with the deadline's time."""
     monitor = Monitor()

@@ -5,7 +5,7 @@ import pty
 import socket
 import time
 import tty
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -27,21 +27,20 @@ from tests.helpers.live_links import (
     free_port,
     judgement,
     paced,
-    recorded_judgement,
     tcp_sender,
     tlog_of,
     wait_until,
 )
 
 # What is sent, and how many alarms it must raise.
-FLIGHTS = {
-    "a plane's pitch trim": (fixture("d_plane_pitchtrim3", to_s=20), 0),
-    "and a fault on top": (fixture("d_plane_pitchtrim3", to_s=20, fault="yaw_offset:5"), 1),
-    "a copter with a fault": (fixture("a_copter_square", from_s=75, to_s=95, fault="yaw_offset:25"), 1),
-    "two vehicles": (fixture("e_two_vehicles", fault="yaw_offset:25"), 2),
-    "a reboot": (fixture("f_reboot", fault="roll_sign"), 0),
-    "MAVLink 1": (fixture("g_mavlink1", to_s=10, fault="mount_offset:0,4,0"), 1),
-    "signed": (fixture("g_signed", to_s=10), 0),
+FLIGHTS: dict[str, tuple[Callable[[], Sequence[RawFrame]], int]] = {
+    "a plane's pitch trim": (partial(fixture, "d_plane_pitchtrim3", to_s=20), 0),
+    "and a fault on top": (partial(fixture, "d_plane_pitchtrim3", to_s=20, fault="yaw_offset:5"), 1),
+    "a copter with a fault": (partial(fixture, "a_copter_square", from_s=75, to_s=95, fault="yaw_offset:25"), 1),
+    "two vehicles": (partial(fixture, "e_two_vehicles", fault="yaw_offset:25"), 2),
+    "a reboot": (partial(fixture, "f_reboot", fault="roll_sign"), 0),
+    "MAVLink 1": (partial(fixture, "g_mavlink1", to_s=10, fault="mount_offset:0,4,0"), 1),
+    "signed": (partial(fixture, "g_signed", to_s=10), 0),
 }
 SPEED = 15.0  # alarms run on the vehicle's time, so that what it sends may come faster than it was
 
@@ -85,15 +84,19 @@ def alarms(events: list[Event]) -> list[tuple[Any, ...]]:
     return [(event["event"], event["id"], event["boot_s"]) for event in events if event["event"] in told]
 
 
-def recorded_alarms(tlog: bytes) -> list[tuple[Any, ...]]:
-    return alarms(Monitor().feed_recording(tlog))
+def recorded(tlog: bytes) -> tuple[list[dict[str, Any]], list[tuple[Any, ...]]]:
+    """What a report says of a recording's vehicles, and its alarms as they were told."""
+    monitor = Monitor()
+    told = alarms(monitor.feed_recording(tlog))
+    return judgement(monitor.close().files[0]), told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_live_is_recorded_over_udp(name: str, recording: Recording) -> None:
     """The alarms of `check`, at the same boot times; and the file that was recorded gives them again."""
-    frames, n_alarms = FLIGHTS[name]
-    tlog = tlog_of(frames)
+    flight, n_alarms = FLIGHTS[name]
+    frames = flight()
     link, uri = udp_link()
     with Live(link, on_frames=recording.record) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.connect((uri.host, uri.port))
@@ -101,15 +104,14 @@ def test_live_is_recorded_over_udp(name: str, recording: Recording) -> None:
         wait_until(lambda: recording.frames == len(frames))
     judged = judgement(live.monitor.close().files[0])
     assert sum(len(vehicle["alarms"]) for vehicle in judged) == n_alarms
-    assert judged == recorded_judgement(tlog) == recorded_judgement(recording.read())
-    assert alarms(live.events) == recorded_alarms(tlog) == recorded_alarms(recording.read())
+    assert (judged, alarms(live.events)) == recorded(tlog_of(frames)) == recorded(recording.read())
 
 
 @pytest.mark.parametrize(("name", "cut"), [("a plane's pitch trim", None), ("two vehicles", None), ("a reboot", 61)])
 def test_live_is_recorded_over_tcp(name: str, cut: int | None, recording: Recording) -> None:
     """The same where the bytes are a stream, cut at frames or anywhere."""
-    frames, n_alarms = FLIGHTS[name]
-    tlog = tlog_of(frames)
+    flight, n_alarms = FLIGHTS[name]
+    frames = flight()
     with tcp_sender(frames, SPEED, cut=cut) as (port, _):
         link = open_link(NetworkUri("tcp", "127.0.0.1", port))
         with Live(link, on_frames=recording.record) as live:
@@ -117,13 +119,12 @@ def test_live_is_recorded_over_tcp(name: str, cut: int | None, recording: Record
     judged = judgement(live.monitor.close().files[0])
     assert live.names()[-1] == "link_down"
     assert sum(len(vehicle["alarms"]) for vehicle in judged) == n_alarms
-    assert judged == recorded_judgement(tlog) == recorded_judgement(recording.read())
-    assert alarms(live.events) == recorded_alarms(tlog) == recorded_alarms(recording.read())
+    assert (judged, alarms(live.events)) == recorded(tlog_of(frames)) == recorded(recording.read())
 
 
 def test_live_is_recorded_over_serial(recording: Recording) -> None:
     """The same over a pair of serial terminals."""
-    frames, _ = FLIGHTS["a copter with a fault"]
+    frames = FLIGHTS["a copter with a fault"][0]()
     master, slave = pty.openpty()
     tty.setraw(master)
     link = open_link(SerialUri(os.ttyname(slave), 115200))
@@ -132,9 +133,9 @@ def test_live_is_recorded_over_serial(recording: Recording) -> None:
         wait_until(lambda: recording.frames == len(frames))
     for descriptor in (master, slave):
         os.close(descriptor)
-    assert judgement(live.monitor.close().files[0]) == recorded_judgement(tlog_of(frames))
     assert alarms(live.events)
-    assert alarms(live.events) == recorded_alarms(recording.read())
+    judged = judgement(live.monitor.close().files[0])
+    assert (judged, alarms(live.events)) == recorded(tlog_of(frames)) == recorded(recording.read())
 
 
 def test_every_frame_is_recorded_byte_for_byte(recording: Recording) -> None:
@@ -162,6 +163,7 @@ def test_every_frame_is_recorded_byte_for_byte(recording: Recording) -> None:
     assert sorted(times_us) == times_us
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "from_s", "to_s"), [("e_two_vehicles", 0, 7), ("f_reboot", 8, 16)])
 def test_datagrams_at_once_are_datagrams_one_by_one(name: str, from_s: float, to_s: float) -> None:
     """Bit for bit: report, events and what is recorded."""
@@ -187,6 +189,7 @@ def test_datagrams_at_once_are_datagrams_one_by_one(name: str, from_s: float, to
     assert {"alarm_raised", "reboot"} & {event["event"] for event in told[0][1]}
 
 
+@pytest.mark.slow
 def test_broken_datagrams_do_not_reach_into_each_other() -> None:
     """What is missing of one is not looked for in the next, in a batch as alone."""
     frames = fixture("a_copter_square", from_s=75, to_s=83, fault="yaw_offset:25")
@@ -209,6 +212,7 @@ def seconds_of(event: Event) -> float:
     return datetime.fromisoformat(event["utc"]).timestamp()
 
 
+@pytest.mark.slow
 def test_silence_is_noticed_while_nothing_comes() -> None:
     """Stale after 2 s, lost after 5 s, back with its next frame; each event carries the time of its deadline."""
     frames = fixture("a_copter_square", from_s=75, to_s=78)
@@ -231,6 +235,7 @@ def test_silence_is_noticed_while_nothing_comes() -> None:
     assert noticed_s - silent_s < 5.6
 
 
+@pytest.mark.slow
 def test_a_lost_vehicle_is_told_once_whatever_the_cut() -> None:
     """Lost and back among another's frames: the same events whole, in pieces and frame by frame."""
     start_us = 1_700_000_000_000_000
@@ -258,6 +263,7 @@ def test_a_lost_vehicle_is_told_once_whatever_the_cut() -> None:
     assert sum(event["vehicle"] == [2, 1] for event in presence) == 1
 
 
+@pytest.mark.slow
 def test_a_quiet_link_beside_a_busy_one() -> None:
     """Two links at once, one vehicle each: silence on one is noticed while the other one talks."""
     (quiet, quiet_uri), (busy, busy_uri) = udp_link(), udp_link()
@@ -287,6 +293,7 @@ def test_nothing_comes() -> None:
     assert live.monitor.close().verdict == "no_compare"
 
 
+@pytest.mark.slow
 def test_one_link_breaks_the_other_goes_on() -> None:
     """The end of a link is an event with its reason, and the end of that link alone; its vehicle is lost in time."""
     frames = fixture("a_copter_square", from_s=75, to_s=76)

@@ -2,16 +2,19 @@
 
 from concurrent.futures import ThreadPoolExecutor
 
+import pytest
+
 from tests.helpers.all_fixtures import differences, over_tcp, over_udp
 from tests.helpers.live_links import fixture, recorded_judgement, tlog_of
 
-SECONDS = 40
+SECONDS = 20
 
 
-def test_forty_seconds_of_three_flights() -> None:
+@pytest.mark.slow
+def test_twenty_seconds_of_three_flights() -> None:
     """A copter with a fault, two vehicles, a reboot, over UDP and TCP: judged as recorded, and so is what was recorded.
 
-    All six at once, as each takes its forty seconds.
+    All six at once, as each takes its twenty seconds.
     """
     flights = [
         fixture("a_copter_square", to_s=SECONDS, fault="yaw_offset:25"),

@@ -284,6 +284,7 @@ def test_pieces_of_any_size_give_the_same(name: str, size: int, timed: bool) -> 
     assert_pieces_change_nothing(data if timed or name == DAMAGED else stream_of(data), size, timed=timed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("timed", [True, False], ids=["recording", "stream"])
 @pytest.mark.parametrize("name", [DAMAGED, SIGNED, VERSION_1])
 def test_one_byte_at_a_time_gives_the_same(name: str, timed: bool) -> None:
@@ -658,6 +659,7 @@ def damaged(cuts: list[tuple[int, int, bytes]]) -> tuple[bytes, list[Found]]:
 _cut = st.tuples(st.integers(0, 5000), st.integers(0, 40), st.binary(max_size=40))
 
 
+@pytest.mark.slow
 @SLOW
 @given(st.lists(_cut, max_size=4))
 def test_damage_anywhere_loses_no_frame_that_it_did_not_touch(cuts: list[tuple[int, int, bytes]]) -> None:

@@ -414,6 +414,7 @@ _moves = st.lists(
 _motion = wire.Motion(200, seed=15, speed_rad_s=2.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(_moves, st.lists(st.integers(0, 400), max_size=12))
 def test_the_cut_into_batches_changes_no_bit(moves: list[tuple[int, int, int, float, int]], cuts: list[int]) -> None:
@@ -433,6 +434,7 @@ def test_the_cut_into_batches_changes_no_bit(moves: list[tuple[int, int, int, fl
             assert getattr(in_pieces, field.name).tobytes() == getattr(whole, field.name).tobytes(), field.name
 
 
+@pytest.mark.slow
 def test_two_thousand_samples_in_odd_batches_are_the_same_to_the_bit() -> None:
     """Longer than what is remembered of each stream (1,024 samples), with late ones."""
     motion = wire.Motion(130, seed=16, speed_rad_s=2.0)

@@ -66,7 +66,7 @@ def test_a_recording_s_sinks_get_all_of_it() -> None:
     monitor = Monitor()
     told = monitor.feed_recording(RECORDING.read_bytes())
     assert one.told == other.told == told + monitor.finish()
-    assert one.data == fixture("f_reboot")
+    assert one.data == list(fixture("f_reboot"))
     assert sum(len(seen.segment.euler) for seen in one.seen) == sum(
         vehicle.streams["ATTITUDE"].count for vehicle in monitor.close().files[0].vehicles
     )

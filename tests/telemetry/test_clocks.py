@@ -167,6 +167,7 @@ def test_nothing_read_is_nothing_told() -> None:
     assert (told.t_us, told.changes) == ([1_000_000, 1_040_000], [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jump_ms", [60_000, 20_000_000])
 def test_two_clocks_under_one_id_do_not_take_for_ever(jump_ms: int) -> None:
     """Two autopilots with one id on merged links: every message is odd, and 40,000 are still read within seconds."""
@@ -188,6 +189,7 @@ _moves = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(
     st.sampled_from([0, 5000, 2**31, 2**32 - 2000, 2**32 - 1]),

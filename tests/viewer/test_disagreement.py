@@ -20,7 +20,7 @@ from gcs_bridge.viewer.disagreement import undoing
 from gcs_bridge.viewer.processes import free_port
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
-from tests.helpers.viewer_tools import Drawn, can_draw, drawn, headless
+from tests.helpers.viewer_tools import HEADLESS_PORT, Drawn, can_draw, drawn, headless
 
 Array = NDArray[np.float64]
 
@@ -212,6 +212,7 @@ def test_what_is_over_goes(tmp_path: Path) -> None:
     assert recording.rows(CORRECTED, TURN)[0][-1] < 1e6 * over["boot_s"]
 
 
+@pytest.mark.slow
 def test_of_a_shelved_alarm_nothing_is_undone(tmp_path: Path) -> None:
     """Nobody is told when it goes; so the corrected triad goes at once, and the ghost stays for what it is."""
     path = tmp_path / "a.rrd"
@@ -332,6 +333,7 @@ def test_a_real_tailsitter_in_forward_flight_is_drawn_lying(tmp_path: Path) -> N
     assert np.abs((by_q * Rotation.from_quat(turned)).apply([1, 0, 0])[:, 2]).max() < 0.3
 
 
+@pytest.mark.slow
 @can_draw
 def test_the_viewer_shows_it_and_hides_it_again(tmp_path: Path) -> None:
     """In rerun's own picture: the axis and the corrected triad while the fault lasts; neither behind it."""
@@ -339,7 +341,7 @@ def test_the_viewer_shows_it_and_hides_it_again(tmp_path: Path) -> None:
     drawn(flown("yaw_offset:60", until_s=14.0), path)
     colours = ((255, 240, 120), (150, 255, 110))
     seen = []
-    with headless(path, free_port(19_860)) as viewer:
+    with headless(path, free_port(HEADLESS_PORT)) as viewer:
         viewer.wait_for("boot", 33_000_000)
         for boot_us in (22_000_000, 33_000_000):
             viewer.go_to(boot_us)

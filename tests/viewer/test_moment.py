@@ -10,9 +10,10 @@ from pymavlink.dialects.v20 import all as mavlink
 from gcs_bridge.cli import main
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
+from gcs_bridge.viewer.processes import free_port
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
-from tests.helpers.viewer_tools import Drawn, can_draw, eventually, headless, verify
+from tests.helpers.viewer_tools import HEADLESS_PORT, Drawn, can_draw, eventually, headless, verify
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +48,7 @@ def test_the_file_holds_the_moment(moment: Path) -> None:
 @can_draw
 def test_it_opens_on_the_moment(moment: Path) -> None:
     """On the boot clock, with the cursor where the fault is seen: the solid body 25° to the right of the outline."""
-    with headless(moment, 19_830) as viewer:
+    with headless(moment, free_port(HEADLESS_PORT)) as viewer:
 
         def shown() -> Any:  # what has come has no timeline until it is shown
             recording = viewer.wait_for("boot", 120_000_000)

@@ -21,7 +21,7 @@ from gcs_bridge.viewer.open import OPENERS
 from gcs_bridge.viewer.processes import free_port
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
-from tests.helpers.viewer_tools import eventually
+from tests.helpers.viewer_tools import DATA_PORT, WEB_PORT, eventually
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 RECORDING = str(FIXTURES / "c_copter_4hz.tlog")
@@ -38,7 +38,9 @@ def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def started() -> Iterator[Start]:
     """Starts gcs-bridge in a process of its own, which ends with the test."""
-    code = "from gcs_bridge.cli import main; import sys; sys.exit(main(sys.argv[1:]))"
+    ports = f"served._DATA_PORT, served._WEB_PORT = {DATA_PORT}, {WEB_PORT}"
+    code = f"import sys; from gcs_bridge.viewer import served; {ports}; "
+    code += "from gcs_bridge.cli import main; sys.exit(main(sys.argv[1:]))"
     with contextlib.ExitStack() as stack:
 
         def start(*arguments: str) -> "subprocess.Popen[bytes]":

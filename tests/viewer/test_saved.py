@@ -191,6 +191,7 @@ def test_how_the_bytes_were_cut_does_not_change_what_is_drawn(tmp_path: Path) ->
             assert np.array_equal(values, values_often, equal_nan=True)
 
 
+@pytest.mark.slow
 def test_live_attitudes_come_at_once_and_plots_soon(tmp_path: Path) -> None:
     """Of a live flight each attitude is there at once, the plots within 0.2 s, and all of them with the next event."""
     path, told = tmp_path / "live.rrd", []
@@ -291,6 +292,7 @@ def test_several_recordings_become_one_file(tmp_path: Path) -> None:
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.rrd"]
 
 
+@pytest.mark.slow
 def test_a_killed_process_leaves_a_readable_file(tmp_path: Path) -> None:
     """Under a name that tells that it is a part: FILE.partial.rrd."""
     code = "from gcs_bridge.cli import main; import sys; sys.exit(main(sys.argv[1:]))"

@@ -27,7 +27,16 @@ from gcs_bridge.viewer.processes import free_port
 from gcs_bridge.viewer.served import ServedViewer
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
-from tests.helpers.viewer_tools import Drawn, Headless, can_draw, eventually, has_browser, has_screen, headless
+from tests.helpers.viewer_tools import (
+    HEADLESS_PORT,
+    Drawn,
+    Headless,
+    can_draw,
+    eventually,
+    has_browser,
+    has_screen,
+    headless,
+)
 
 TOLERANCE = 1e-6  # of a rotation matrix's entries: the wire's numbers are float32
 BODY = "/vehicle/1.1/body"
@@ -43,7 +52,7 @@ def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def port() -> int:
-    return free_port(19_800)
+    return free_port(HEADLESS_PORT)
 
 
 def feed(monitor: Monitor, sink: ViewerSink, records: list[tuple[int, bytes]]) -> None:
@@ -68,6 +77,7 @@ def test_the_viewer_turns_bodies_as_scipy_does(tmp_path: Path, port: int) -> Non
         assert viewer.errors() == []
 
 
+@pytest.mark.slow
 @can_draw
 def test_yaw_90_turns_the_nose_east_and_down_is_drawn_downwards(tmp_path: Path, port: int) -> None:
     """By hand: yaw 90° puts forward on east and right on south; and in the picture the blue arrow points down."""
@@ -102,6 +112,7 @@ def test_yaw_90_turns_the_nose_east_and_down_is_drawn_downwards(tmp_path: Path, 
     assert rows_of_blue[below].mean() > rows_of_grey.mean() + 20
 
 
+@pytest.mark.slow
 @can_draw
 def test_the_layout_shows_everything_without_a_click(tmp_path: Path, port: int) -> None:
     """Bodies, comparison, events, four plots of attitude and five of motion; no complaint; an alarm is red to see."""
@@ -123,6 +134,7 @@ def test_the_layout_shows_everything_without_a_click(tmp_path: Path, port: int) 
         assert about(picture, colour, within=40).sum() > 200
 
 
+@pytest.mark.slow
 @can_draw
 def test_a_late_viewer_sees_the_history_and_what_never_changes(port: int) -> None:
     """It comes after the last sample, and still gets the first one, the layout and the vehicle's place."""
@@ -137,6 +149,7 @@ def test_a_late_viewer_sees_the_history_and_what_never_changes(port: int) -> Non
             assert len(late.client.get_state().views) == 7
 
 
+@pytest.mark.slow
 @can_draw
 def test_a_late_viewer_sees_what_never_changes_though_the_history_is_full(port: int) -> None:
     """The server forgets old samples first; the scene and its layout stay."""
@@ -160,19 +173,20 @@ class CheckBatch:
 
     def __init__(self, viewer: Any, seconds: float) -> None:
         flight = wire.flight(wire.Motion(seconds), seconds, euler_hz=250.0, quaternion_hz=250.0)
-        self._batches = iter([flight[i : i + 20] for i in range(0, len(flight), 20)])
+        self._batches = iter([flight[i : i + 50] for i in range(0, len(flight), 50)])  # 0.1 s, as of a live link
         self._sink = viewer.recording("flight")
         self._monitor = Monitor(observer=self._sink.observe)
         self.slowest_s = 0.0
 
     def fly(self, seconds: int) -> None:
-        for batch in islice(self._batches, seconds * 25):
+        for batch in islice(self._batches, seconds * 10):
             started = time.monotonic()
             self._sink.events(self._monitor.feed(b"".join(frame for _, frame in batch), batch[-1][0]))
             self.slowest_s = max(self.slowest_s, time.monotonic() - started)
             time.sleep(0.002)
 
 
+@pytest.mark.slow
 @can_draw
 def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: int) -> None:
     """Once the server's history is full, a minute of flight adds nothing: nobody looking, and after who looked died."""
@@ -192,6 +206,7 @@ def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: in
         assert eventually(lambda: socket.create_connection(("127.0.0.1", viewer._port), 1)).close() is None
 
 
+@pytest.mark.slow
 @can_draw
 def test_a_viewer_that_reads_no_more_neither_stops_nor_slows_nor_grows_us(port: int) -> None:
     """The worst kind: it is stopped for ten seconds of flight, and then killed."""
@@ -209,6 +224,7 @@ def test_a_viewer_that_reads_no_more_neither_stops_nor_slows_nor_grows_us(port: 
         assert resident_bytes() < 1.03 * full
 
 
+@pytest.mark.slow
 @can_draw
 @has_screen
 def test_a_window_opens_at_the_alarm_and_its_end_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -243,6 +259,7 @@ def test_a_window_opens_at_the_alarm_and_its_end_is_told(tmp_path: Path, monkeyp
         screen.stdout.close()
 
 
+@pytest.mark.slow
 @can_draw
 @has_browser
 def test_the_page_shows_the_same_in_a_browser() -> None:
