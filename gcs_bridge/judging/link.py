@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
@@ -12,7 +13,7 @@ from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.columns import Int64s
 from gcs_bridge.events import Event, Notice, Rank, in_order, make_event
-from gcs_bridge.judging.observation import Observer
+from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.vehicle import VehicleJudge
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import FRAME, Bytes, Frames
@@ -27,6 +28,7 @@ from gcs_bridge.telemetry.vehicle_presence import Presence
 
 Datagram = tuple[bytes, int]  # with its receive time, µs since 1970
 _FRAME_BYTES = np.dtype((np.void, FRAME.itemsize))
+_MOST_HELD = 100  # batches of a component that may yet turn out to be a vehicle
 FrameObserver = Callable[[int | str, Sequence[RawFrame]], None]
 
 
@@ -73,6 +75,21 @@ class LinkVehicle:
             notices = [Notice(frame_index, seen, Rank.IDENTITY), *held]
             self._held = []
         return [notice for notice in notices if self.reader.is_vehicle_at(notice.frame_index)]
+
+
+class VehicleObserver:
+    """Shows an observer one component from its beginning, once it is known to be a vehicle; one that is none, never."""
+
+    def __init__(self, reader: VehicleReader, observer: Observer) -> None:
+        self._reader = reader
+        self._observer = observer
+        self._held: deque[Observation] = deque(maxlen=_MOST_HELD)
+
+    def __call__(self, observation: Observation) -> None:
+        """Show it, or keep it until it is known whose it is."""
+        self._held.append(observation)
+        while self._held and self._reader.is_vehicle:
+            self._observer(self._held.popleft())
 
 
 class Link:
@@ -192,7 +209,8 @@ class Link:
     def _new_vehicle(self, key: int) -> LinkVehicle:
         vehicle_id = VehicleId(self._number, *divmod(key, 256))
         reader = VehicleReader(vehicle_id, self._dialect, self._settings.vehicle)
-        vehicle = LinkVehicle(reader, VehicleJudge(vehicle_id, self._settings, self._observer))
+        observer = None if self._observer is None else VehicleObserver(reader, self._observer)
+        vehicle = LinkVehicle(reader, VehicleJudge(vehicle_id, self._settings, observer))
         self._vehicles[key] = vehicle
         return vehicle
 

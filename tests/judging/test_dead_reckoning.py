@@ -26,7 +26,7 @@ def flights(data, pieces=1):
     seen = []
 
     def observe(observation):
-        if observation.vehicle == (1, 1) and observation.segment.boot == 0:
+        if observation.vehicle.address == (1, 1) and observation.segment.boot == 0:
             seen.append(observation.flight)
 
     monitor = Monitor(observer=observe)
