@@ -51,10 +51,10 @@ class Naive:
         self._alarm = Alarm(_DELAYS)
         self._latest = [np.full((1, 4), np.nan)] * 2
 
-    def take(self, streams: tuple[AttitudeSamples, AttitudeSamples], frame_indices: list[Ints]) -> None:
-        """Take what came of both within one boot, and the frame_indices of their frames."""
+    def take(self, streams: tuple[AttitudeSamples, AttitudeSamples]) -> None:
+        """Take what came of both within one boot."""
         valid = [samples[samples.valid] for samples in streams]
-        at = [frame_index[samples.valid] for samples, frame_index in zip(streams, frame_indices, strict=True)]
+        at = [samples.frame_index for samples in valid]
         both = np.concatenate(at)
         order = np.argsort(both, kind="stable")
         pairs = []
@@ -87,9 +87,7 @@ class Witness:
     def __call__(self, seen: Observation) -> None:
         """Take what was judged of one boot of one vehicle."""
         segment = seen.segment
-        streams = (segment.euler, segment.quaternion)
-        naive = self._naive.setdefault(seen.vehicle, Naive())
-        naive.take(streams, [segment.frame_index[segment.message == k] for k in (0, 1)])
+        self._naive.setdefault(seen.vehicle, Naive()).take((segment.euler, segment.quaternion))
         self.coverage[seen.vehicle] = self.coverage.get(seen.vehicle, Coverage()) + covered(seen)
 
 

@@ -1,6 +1,10 @@
-"""Arrays that belong together: their types, and records of them."""
+"""Arrays that belong together: their types, records of them, and what is remembered of a stream from batch to batch."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Generic, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -9,3 +13,121 @@ Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 Records = npt.NDArray[np.void]
+Rows = slice | Int64s | Mask
+"""Some rows of arrays: a slice, their indices or a mask."""
+
+
+class Columns:
+    """A record of arrays, one row a sample: a subclass is a frozen, keyword-only dataclass that declares them.
+
+    The first field is an array of n rows. Every field that is an array has as many; all others, None too, hold for the
+    whole record, and go with any part of it.
+    """
+
+    def __len__(self) -> int:
+        return len(next(iter(self.__dict__.values())))
+
+    def __getitem__(self, rows: Rows) -> Self:
+        """Some of the rows."""
+        # Past __init__, which would take longer than all the rest for a batch of one row.
+        part = object.__new__(type(self))
+        part.__dict__.update(
+            {name: of[rows] if isinstance(of, np.ndarray) else of for name, of in self.__dict__.items()}
+        )
+        return part
+
+    def where(self, mask: Mask) -> Self:
+        """The rows (n,) that are true: the record itself where all are."""
+        return self if mask.all() else self[mask]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """All of `parts`, one or more, one behind the other; what holds for a whole record is the first one's."""
+        first = parts[0]
+        if len(parts) == 1:
+            return first
+        whole = object.__new__(type(first))
+        whole.__dict__.update(
+            {
+                name: np.concatenate([part.__dict__[name] for part in parts]) if isinstance(of, np.ndarray) else of
+                for name, of in first.__dict__.items()
+            }
+        )
+        return whole
+
+    def then(self, more: Self) -> Self:
+        """These rows, and `more` behind them."""
+        return self.joined((self, more)) if len(more) else self
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameColumns(Columns):
+    """Rows that frames of a link brought, in order of arrival: `frame_index` (n,) is of the frame in its link."""
+
+    frame_index: Int64s
+
+    def frames(self, first: int, end: int) -> Self:
+        """The rows of the frames from `first` up to, and without, `end`."""
+        start, stop = np.searchsorted(self.frame_index, (first, end)).tolist()
+        return self[start:stop]
+
+    @classmethod
+    def in_arrival(cls, parts: Sequence[Self]) -> Self:
+        """All of `parts`, one or more, in order of arrival; of one frame, in the order of the parts."""
+        whole = cls.joined(parts)
+        return whole if len(parts) == 1 else whole[np.argsort(whole.frame_index, kind="stable")]
+
+
+ColumnsT = TypeVar("ColumnsT", bound=Columns)
+
+
+class Ring(Generic[ColumnsT]):
+    """The last rows of a stream, found by their position in it: the first row that ever came has 0."""
+
+    def __init__(self, size: int, none: ColumnsT) -> None:
+        """Start with `none`; `size` rows are kept from batch to batch, and all of the last batch."""
+        self.first = 0
+        self.rows = none
+        self._size = size
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def append(self, more: ColumnsT) -> None:
+        """Take the next rows."""
+        surplus = max(len(self.rows) - self._size, 0)
+        self.first += surplus
+        self.rows = (self.rows[surplus:] if surplus else self.rows).then(more)
+
+
+class RunningMax:
+    """The largest number of a stream so far, carried over from batch to batch."""
+
+    def __init__(self, latest: int | None = None) -> None:
+        """Start with `latest`; None: with the first number that comes."""
+        self.latest = latest
+
+    def feed(self, numbers: Int64s) -> Int64s:
+        """Take the next numbers (n,): the largest before them, then the largest with each (n + 1,).
+
+        Nothing (0,) as long as no number ever came.
+        """
+        if self.latest is None:
+            if not len(numbers):
+                return numbers
+            self.latest = int(numbers[0])
+        largest = running_max(numbers, self.latest)
+        self.latest = int(largest[-1])
+        return largest
+
+
+def running_max(numbers: Int64s, before: int) -> Int64s:
+    """`before`, then the largest of it and the numbers (n,) up to each (n + 1,)."""
+    largest = np.empty(len(numbers) + 1, np.int64)
+    largest[0], largest[1:] = before, numbers
+    return np.maximum.accumulate(largest, out=largest)
+
+
+def last_where(mask: Mask) -> Int64s:
+    """For each place (n,) the last one up to it where the mask is true; −1 where there is none."""
+    return np.asarray(np.maximum.accumulate(np.where(mask, np.arange(len(mask)), -1)))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+_KERNELS: list[Any] = []  # of all modules that were imported so far
 
 
 def _writable(folder: Path) -> bool:
@@ -52,6 +53,7 @@ def kernel(function: Kernel) -> Kernel:
     compiled = _compiled(function, cache=True)
     with contextlib.suppress(AttributeError):  # parts of numba's own: without them it loads as it is used to
         _load_without_compiler(compiled)
+    _KERNELS.append(compiled)
     return compiled
 
 
@@ -75,9 +77,12 @@ def helper(function: Callable[..., Any]) -> Any:
     return _compiled(function)
 
 
-def needs_compiling(*kernels: Callable[..., Any]) -> bool:
-    """Whether any of `kernels` will be compiled when it is called first: its cache is missing or out of date."""
-    return not all(map(_is_cached, kernels))
+def needs_compiling(package: str) -> bool:
+    """Whether any kernel of `package`, as far as it was imported, will be compiled when it is called first.
+
+    That is so where its cache is missing or out of date.
+    """
+    return not all(_is_cached(one) for one in _KERNELS if f"{one.__module__}.".startswith(f"{package}."))
 
 
 def _is_cached(compiled: Any) -> bool:

@@ -63,6 +63,11 @@ class AlignmentSettings(Struct, frozen=True, kw_only=True):
     max_gap_s: _Duration = 1.0
     same_instant_bound_rad: _Angle = math.radians(0.02)
 
+    @property
+    def max_gap_us(self) -> int:
+        """The longest gap between samples that is bridged, µs."""
+        return round(self.max_gap_s * 1e6)
+
 
 class ResetSettings(Struct, frozen=True, kw_only=True):
     """When a step of the attitude is an estimator's reset."""

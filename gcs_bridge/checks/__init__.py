@@ -31,6 +31,6 @@ def all_checks(settings: Settings) -> list[Check]:
         Gyro(settings.gyro, delays),
         Gravity(settings.gravity, delays),
         MagHeading(settings.mag_heading),
-        SecondaryEstimate(settings.secondary_estimate, delays),
+        SecondaryEstimate(settings.secondary_estimate, delays, settings.alignment),
         StreamCheck(settings.stream, delays),
     ]

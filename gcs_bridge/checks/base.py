@@ -14,7 +14,7 @@ from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
 from gcs_bridge.contract import Distribution, Severity, known
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.telemetry.samples import finite
@@ -83,11 +83,11 @@ class Check(ABC):
         self.judged_us = 0
         self.alive_us = 0
         self.residual = Quantiles()
-        self._watched_us: int | None = None
+        self._watched_us = RunningMax()
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
-        self._watched_us = None
+        self._watched_us = RunningMax()
 
     @abstractmethod
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
@@ -179,11 +179,7 @@ class Check(ABC):
         """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""
         if not len(t_us):
             return
-        latest = np.maximum.accumulate(
-            np.concatenate(([t_us[0] if self._watched_us is None else self._watched_us], t_us))
-        )
-        self._watched_us = int(latest[-1])
-        stands_for = np.minimum(np.diff(latest), _LONGEST_US)
+        stands_for = np.minimum(np.diff(self._watched_us.feed(t_us)), _LONGEST_US)
         self.alive_us += int(stands_for.sum())
         self.judged_us += int(stands_for[judged].sum())
         self.judged += int(judged.sum())
@@ -240,9 +236,8 @@ class ImuCheck(Check):
         """Take in what the sensor's numbers mean."""
         self._usable.breaks = []
         if batch.imu is not None:
-            samples, frame_index = batch.imu
-            self._scale = samples.scale
-            self._usable.follow(finite(getattr(samples, self.judges)), samples.t_boot_us, frame_index)
+            self._scale = batch.imu.scale
+            self._usable.follow(finite(getattr(batch.imu, self.judges)), batch.imu.t_boot_us, batch.imu.frame_index)
 
     @property
     def broken(self) -> str | None:

@@ -2,53 +2,57 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from gcs_bridge.columns import Floats, Int64s, Mask
 from gcs_bridge.pairing.neighbours import Track
 from gcs_bridge.pairing.pairs import Pairs
-from gcs_bridge.pairing.references import ImuWithAttitude
+from gcs_bridge.pairing.references import ImuWithAttitude, VehicleImu
 from gcs_bridge.pairing.steps import Steps
-from gcs_bridge.telemetry.batches import Ahrs2Batch, ImuBatch
-from gcs_bridge.telemetry.samples import AttitudeSamples
+from gcs_bridge.telemetry.samples import Ahrs2Samples, AttitudeSamples
 from gcs_bridge.telemetry.statements import Statement, StepSignal
 from gcs_bridge.telemetry.stream_liveness import StreamChange, Timeline
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CheckBatch:
     """One batch of one vehicle within one boot.
 
-    `euler`, `quaternion`: the samples that came, with the `frame_index` of each one's frame; the Euler angles with what
-    the firmware differs in on purpose undone. `pairs` of the two, completed by the frames `pair_frame_index`. `steps`
-    of both streams with the frames of their later samples. `attitude`: the one attitude that others are compared
-    with, rows of q_nb and body rates. `imu`: n samples of one inertial sensor; (n,) whether the vehicle `may_rest` then
-    by what it says itself, and whether it `stands` on the ground; `trim_b_rad` (n, 3) the turn from the body's axes to
-    the sensor's. `imu_with_attitude`: those of the sensor's samples, of this batch or before, whose attitude is known
-    now. `secondary`: of the second estimate. `fixed_wing`, `ardupilot`: 1 or 0 by frame, NaN before a heartbeat said
-    so. `stream_changes`: what started, went stale or resumed; `line`: all timed messages, with the vehicle's frames
-    `lost` and `received` by each. `statements`: what the vehicle said of itself.
+    `euler`, `quaternion`: the samples that came, the Euler angles with what the firmware differs in on purpose undone;
+    `pairs` and `steps` of both. `attitude`: the one attitude that others are compared with, rows of q_nb and body
+    rates. `imu`: samples of one inertial sensor. `imu_with_attitude`: those of its samples, of this batch or before,
+    whose attitude is known now. `secondary`: of the second estimate. `fixed_wing`, `ardupilot`: 1 or 0 by frame, NaN
+    before a heartbeat said so. `stream_changes`: what started, went stale or resumed; `line`: all timed messages.
+    `statements`: what the vehicle said of itself.
     """
 
     euler: AttitudeSamples
-    euler_frame_index: Int64s
     quaternion: AttitudeSamples
-    quaternion_frame_index: Int64s
     pairs: Pairs
-    pair_frame_index: Int64s
     steps: tuple[Steps, Steps]
-    step_frame_index: tuple[Int64s, Int64s]
     attitude: Track
-    imu: ImuBatch | None
-    may_rest: Mask
-    stands: Mask
-    trim_b_rad: Floats
+    imu: VehicleImu | None
     imu_with_attitude: ImuWithAttitude
-    secondary: Ahrs2Batch
+    secondary: Ahrs2Samples
     fixed_wing: StepSignal
     ardupilot: StepSignal
     stream_changes: list[StreamChange]
     line: Timeline
-    lost: Int64s
-    received: Int64s
     statements: list[Statement]
+
+    def frames(self, first: int, end: int) -> CheckBatch:
+        """What the frames from `first` up to, and without, `end` brought."""
+        euler_steps, quaternion_steps = self.steps
+        return replace(
+            self,
+            euler=self.euler.frames(first, end),
+            quaternion=self.quaternion.frames(first, end),
+            pairs=self.pairs.frames(first, end),
+            steps=(euler_steps.frames(first, end), quaternion_steps.frames(first, end)),
+            attitude=self.attitude.frames(first, end),
+            imu=None if self.imu is None else self.imu.frames(first, end),
+            imu_with_attitude=self.imu_with_attitude.frames(first, end),
+            secondary=self.secondary.frames(first, end),
+            line=self.line.frames(first, end),
+            stream_changes=[change for change in self.stream_changes if first <= change.frame_index < end],
+            statements=[say for say in self.statements if first <= say.frame_index < end],
+        )

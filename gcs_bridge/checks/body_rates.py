@@ -38,7 +38,7 @@ class BodyRates(Check):
         difference, allowed = pairs.w_differs_b_rad_s[rows], pairs.unsteady_rad_s[rows]
         value = length(difference)
         judged = np.isfinite(value) & np.isfinite(allowed)
-        t_us, frame_index = pairs.t_boot_us[rows], batch.pair_frame_index[rows]
+        t_us, frame_index = pairs.t_boot_us[rows], pairs.frame_index[rows]
         self._watch(t_us, value, judged)
         detail = along(difference[judged])
         for spec, limit in ((self._warning, self._settings.warning_rad_s), (self._alarm, self._settings.alarm_rad_s)):

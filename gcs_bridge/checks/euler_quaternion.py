@@ -20,15 +20,15 @@ from gcs_bridge.checks.base import Check, Numbers, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
 from gcs_bridge.checks.windows import SlidingSums
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, RunningMax
 from gcs_bridge.pairing.neighbours import in_order
 from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.settings import AlarmSettings, EulerQuaternionSettings
 from gcs_bridge.telemetry.samples import finite
 
 
-@dataclass(frozen=True)
-class Disagreement:
+@dataclass(frozen=True, kw_only=True)
+class Disagreement(FrameColumns):
     """The quaternion seen from the Euler angles, n pairs: all in rad.
 
     `angle` (n,) of the rotation between them; `tilt` and `heading` (n,) its parts, heading NaN where it means nothing;
@@ -61,7 +61,17 @@ def compare(pairs: Pairs, settings: EulerQuaternionSettings, last_interval_id: i
     judged = ((angle > limit) | (pairs.bound_rad <= settings.usable_bound_rad)) & ~pairs.after_reset
     interval_before = np.concatenate(([last_interval_id], pairs.interval_id))[:-1]
     counted = judged & ((pairs.interval_id == -1) | (pairs.interval_id != interval_before))
-    return Disagreement(angle, tilt, heading, rotvec_body, rotvec_world, limit, judged, counted)
+    return Disagreement(
+        frame_index=pairs.frame_index,
+        angle=angle,
+        tilt=tilt,
+        heading=heading,
+        rotvec_body=rotvec_body,
+        rotvec_world=rotvec_world,
+        limit=limit,
+        judged=judged,
+        counted=counted,
+    )
 
 
 class EulerQuaternion(Check):
@@ -115,7 +125,7 @@ class EulerQuaternion(Check):
         self._sums = SlidingSums(self._settings.mean_window_s, 8)
         self._latest_us = -1
         self._first_us: int | None = None
-        self._bad_us = self._onset_us = -_CALM_US
+        self._bad_us, self._onset_us = RunningMax(-_CALM_US), RunningMax(-_CALM_US)
 
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Compare the pairs, and rate those that count."""
@@ -140,7 +150,7 @@ class EulerQuaternion(Check):
         detail = np.column_stack((found.tilt, found.heading, found.rotvec_body))[rows]
         self.counted += len(rows)
         self.bad += int((angle > limit).sum())
-        t_us, frame_index = pairs.t_boot_us[rows], batch.pair_frame_index[rows]
+        t_us, frame_index = pairs.t_boot_us[rows], pairs.frame_index[rows]
         yield RatedSamples(self._pairs, rated(t_us, frame_index, angle, limit, self._delays, detail))
         yield from self._mean(batch, found)
 
@@ -155,13 +165,12 @@ class EulerQuaternion(Check):
         if self._first_us is None:
             self._first_us = int(t_us[0])
         bad = np.flatnonzero(found.counted & (found.angle > found.limit))
-        bad = np.asarray(bad[batch.ardupilot.at(batch.pair_frame_index[bad]) != 0])  # NaN: not known yet
+        bad = np.asarray(bad[batch.ardupilot.at(batch.pairs.frame_index[bad]) != 0])  # NaN: not known yet
         if not len(bad):
             return bad
-        at_us = np.maximum.accumulate(np.concatenate(([self._bad_us], t_us[bad])))
+        at_us = self._bad_us.feed(t_us[bad])
         fresh = np.diff(at_us) > _CALM_US
-        onset_us = np.maximum.accumulate(np.concatenate(([self._onset_us], np.where(fresh, at_us[1:], -1))))[1:]
-        self._bad_us, self._onset_us = int(at_us[-1]), int(onset_us[-1])
+        onset_us = self._onset_us.feed(np.where(fresh, at_us[1:], -1))[1:]
         turn = found.rotvec_body[bad]
         about_y = np.hypot(turn[:, 0], turn[:, 2]) <= _OFF_AXIS * found.angle[bad] + found.limit[bad]
         q_nb = batch.pairs.q_quaternion[bad]
@@ -171,7 +180,7 @@ class EulerQuaternion(Check):
         slow = batch.pairs.duration_us[bad] >= _SLOW_US
         young = at_us[1:] - onset_us < np.where(slow, _HELD_SLOW_US, _HELD_US)
         return np.asarray(
-            bad[young & ((about_y & (batch.fixed_wing.at(batch.pair_frame_index[bad]) != 0)) | (by_trim & starting))]
+            bad[young & ((about_y & (batch.fixed_wing.at(batch.pairs.frame_index[bad]) != 0)) | (by_trim & starting))]
         )
 
     def _mean(self, batch: CheckBatch, found: Disagreement) -> Iterator[RatedSamples]:
@@ -194,7 +203,7 @@ class EulerQuaternion(Check):
         detail = np.hstack((found.tilt[good, None], found.heading[good, None], mean[:, :3]))[enough]
         yield RatedSamples(
             self._mean_turn,
-            rated(t_us[enough], batch.pair_frame_index[good][enough], value[enough], limit[enough], self._slow, detail),
+            rated(t_us[enough], pairs.frame_index[good][enough], value[enough], limit[enough], self._slow, detail),
         )
 
     def _follow_lag(self, w_b_rad_s: Floats, rotvec_body: Floats) -> None:

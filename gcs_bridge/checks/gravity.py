@@ -17,7 +17,7 @@ from gcs_bridge.attitude import RestWatch
 from gcs_bridge.checks.base import ImuCheck, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.windows import SlidingSums
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
 from gcs_bridge.settings import AlarmSettings, GravitySettings
 from gcs_bridge.telemetry.samples import finite
 
@@ -52,7 +52,7 @@ class Gravity(ImuCheck):
     def _start(self) -> None:
         self._rest = RestWatch()
         self._sums = SlidingSums(self._settings.gross_window_s, 6)
-        self._loud_us = -1
+        self._loud_us = RunningMax(-1)
 
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate each sample of the IMU by the attitude at its time."""
@@ -83,8 +83,7 @@ class Gravity(ImuCheck):
         loud = ~(size < settings.gross_below_rad_s)
         # On fixed wings a coordinated turn feels level.
         loud |= fixed_wing & (np.abs(np.arctan2(down[:, 1], down[:, 2])) > settings.gross_bank_rad)
-        loud_us = np.maximum.accumulate(np.concatenate(([self._loud_us], np.where(loud, t_us, -1))))[1:]
-        self._loud_us = int(loud_us[-1])
+        loud_us = self._loud_us.feed(np.where(loud, t_us, -1))[1:]
         sums, _, since_us = self._sums.feed(t_us, np.hstack((force, down)))
         window_us = settings.gross_window_s * 1e6
         rows = np.flatnonzero((t_us - since_us >= 0.8 * window_us) & (t_us - loud_us >= window_us))

@@ -17,12 +17,10 @@ from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.checks.base import Check, along, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.windows import SlidingSums, Turning
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, Mask
 from gcs_bridge.pairing.steps import Steps
 from gcs_bridge.settings import AlarmSettings, KinematicsSettings
-from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION
-
-_STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
+from gcs_bridge.telemetry.samples import STREAMS
 
 
 class _StreamAlarms(NamedTuple):
@@ -45,7 +43,7 @@ class Kinematics(Check):
         self._settings = settings
         self._delays = delays
         self._slow = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.slope_window_s / 2)
-        self._alarms = tuple(self._alarms_of(name) for name in _STREAMS)
+        self._alarms = tuple(self._alarms_of(name) for name in STREAMS)
         self.alarm_specs = tuple(spec for alarms in self._alarms for spec in alarms)
         self._start_slopes()
 
@@ -62,25 +60,24 @@ class Kinematics(Check):
         self._start_slopes()
 
     def _start_slopes(self) -> None:
-        self._sums = [SlidingSums(self._settings.slope_window_s, 10) for _ in _STREAMS]
-        self._turning = [Turning() for _ in _STREAMS]
-        self._denied = [False for _ in _STREAMS]
+        self._sums = [SlidingSums(self._settings.slope_window_s, 10) for _ in STREAMS]
+        self._turning = [Turning() for _ in STREAMS]
+        self._denied = [False for _ in STREAMS]
 
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate every step of both streams."""
-        both = list(zip(batch.steps, batch.step_frame_index, strict=True))
+        both = batch.steps
         told = [
             turning.told_by_rates(steps.w0_b_rad_s, steps.w1_b_rad_s, steps.h_s)
-            for turning, (steps, _) in zip(self._turning, both, strict=True)
+            for turning, steps in zip(self._turning, both, strict=True)
         ]
-        reported = [_reported(steps) for steps, _ in both]
-        frame_indices = np.concatenate([frame_index for _, frame_index in both])
-        arrival = np.argsort(frame_indices, kind="stable")
-        t_us = np.concatenate([steps.t1_us for steps, _ in both])[arrival]
-        kin = np.concatenate([steps.rate_residual_rad for steps, _ in both])[arrival]
+        reported = [_reported(steps) for steps in both]
+        arrival = np.argsort(np.concatenate([steps.frame_index for steps in both]), kind="stable")
+        t_us = np.concatenate([steps.t1_us for steps in both])[arrival]
+        kin = np.concatenate([steps.rate_residual_rad for steps in both])[arrival]
         usable = np.concatenate(told)[arrival] & np.concatenate(reported)[arrival]
         self._watch(t_us, kin, np.isfinite(kin) & usable)
-        for k, ((steps, frame_index), alarms, sums) in enumerate(zip(both, self._alarms, self._sums, strict=True)):
+        for k, (steps, alarms, sums) in enumerate(zip(both, self._alarms, self._sums, strict=True)):
             if not len(steps):
                 continue
             # A lone step that the rates deny is a reset of the estimator: it has no vote.
@@ -94,12 +91,14 @@ class Kinematics(Check):
                 steps.contradicts_rates, steps.rate_residual_rad, np.minimum(steps.rate_residual_rad, steps.limit_rad)
             )[rows]
             detail = along((steps.turn_b_rad - by_rates)[rows])
-            rating = rated(steps.t1_us[rows], frame_index[rows], value, steps.limit_rad[rows], self._delays, detail)
+            rating = rated(
+                steps.t1_us[rows], steps.frame_index[rows], value, steps.limit_rad[rows], self._delays, detail
+            )
             yield RatedSamples(alarms.steps, rating)
-            yield from self._slope(alarms.slope, sums, steps, frame_index, by_rates, usable & ~steps.contradicts_rates)
+            yield from self._slope(alarms.slope, sums, steps, by_rates, usable & ~steps.contradicts_rates)
 
     def _slope(
-        self, spec: AlarmSpec, sums: SlidingSums, steps: Steps, frame_index: Int64s, by_rates: Floats, usable: Mask
+        self, spec: AlarmSpec, sums: SlidingSums, steps: Steps, by_rates: Floats, usable: Mask
     ) -> Iterator[RatedSamples]:
         """Turn over rate, per body axis, by least squares over the last seconds."""
         settings = self._settings
@@ -125,7 +124,9 @@ class Kinematics(Check):
         value = np.maximum(np.maximum(off[:, 0], off[:, 1]), off[:, 2])
         yield RatedSamples(
             spec,
-            rated(steps.t1_us[rows], frame_index[rows], value, 1.0, self._slow, along(np.maximum(off - 1.0, 0.0))),
+            rated(
+                steps.t1_us[rows], steps.frame_index[rows], value, 1.0, self._slow, along(np.maximum(off - 1.0, 0.0))
+            ),
         )
 
     def why_not(self) -> str:

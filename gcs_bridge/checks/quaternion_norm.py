@@ -39,7 +39,7 @@ class QuaternionNorm(Check):
             off = np.abs(np.sqrt(q[:, 0] ** 2 + q[:, 1] ** 2 + q[:, 2] ** 2 + q[:, 3] ** 2) - 1.0)
         numbers = finite(q)
         self._watch(batch.quaternion.t_boot_us, off, numbers)
-        t_us, frame_index = batch.quaternion.t_boot_us[numbers], batch.quaternion_frame_index[numbers]
+        t_us, frame_index = batch.quaternion.t_boot_us[numbers], batch.quaternion.frame_index[numbers]
         for spec, limit in ((self._warning, self._settings.warning), (self._alarm, self._settings.alarm)):
             yield RatedSamples(spec, rated(t_us, frame_index, off[numbers], limit, self._delays))
 

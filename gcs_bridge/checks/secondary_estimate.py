@@ -7,19 +7,20 @@ at any time. A second estimate that never agreed (without a compass its yaw does
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
+import msgspec
 import numpy as np
-from msgspec.structs import replace
 
 from gcs_bridge import attitude
 from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.checks.base import Check, between_attitudes, length, rated
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
 from gcs_bridge.pairing.neighbours import Lookup, Track, in_order
-from gcs_bridge.pairing.references import ATTITUDE_WIDTH, MAX_GAP_US, attitude_at
-from gcs_bridge.settings import AlarmSettings, SecondaryEstimateSettings
+from gcs_bridge.pairing.references import ATTITUDE_WIDTH, attitude_at
+from gcs_bridge.settings import AlarmSettings, AlignmentSettings, SecondaryEstimateSettings
 
 _STAMP_BOUND_S = 0.001  # stamps are whole milliseconds
 
@@ -28,15 +29,13 @@ class _Since:
     """How long something has held, without a break, up to each sample."""
 
     def __init__(self) -> None:
-        self._broken_us: int | None = None
+        self._broken_us: RunningMax | None = None
 
     def feed(self, t_us: Int64s, holds: Mask) -> Int64s:
         """µs since it last did not hold, or since the first sample."""
         if self._broken_us is None:
-            self._broken_us = int(t_us[0])
-        broken = np.maximum.accumulate(np.concatenate(([self._broken_us], np.where(holds, -1, t_us))))[1:]
-        self._broken_us = int(broken[-1])
-        return np.asarray(t_us - broken)
+            self._broken_us = RunningMax(int(t_us[0]))
+        return np.asarray(t_us - self._broken_us.feed(np.where(holds, -1, t_us))[1:])
 
 
 class _Part:
@@ -71,12 +70,15 @@ class SecondaryEstimate(Check):
     )
     ok_text: ClassVar[str] = "both estimates agree in quiet flight"
 
-    def __init__(self, settings: SecondaryEstimateSettings, delays: AlarmSettings) -> None:
+    def __init__(
+        self, settings: SecondaryEstimateSettings, delays: AlarmSettings, alignment: AlignmentSettings
+    ) -> None:
         """Start with nothing judged."""
         super().__init__()
         self._settings = settings
+        self._max_gap_us = alignment.max_gap_us
         self._delays = delays
-        self._gross = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.gross_s)
+        self._gross = msgspec.structs.replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.gross_s)
         self._came = False
         self._never = {"tilt": True, "heading": True}
         self._alarms = {part: self._alarms_of(part) for part in ("tilt", "heading")}
@@ -99,7 +101,7 @@ class SecondaryEstimate(Check):
         self._start()
 
     def _start(self) -> None:
-        self._lookup = Lookup(5, ATTITUDE_WIDTH + 1, MAX_GAP_US)
+        self._lookup = Lookup(5, ATTITUDE_WIDTH + 1, self._max_gap_us)
         self._quiet = _Since()
         self._parts = {"tilt": _Part(), "heading": _Part()}
         self._first_us: int | None = None
@@ -107,9 +109,9 @@ class SecondaryEstimate(Check):
 
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate each AHRS2 by the first estimate at its time."""
-        samples = batch.secondary.samples
-        rows = np.hstack((samples.q_nb, batch.secondary.gap_us[:, None] * 1e-6))[samples.valid]
-        queries = Track(samples.t_boot_us[samples.valid], batch.secondary.frame_index[samples.valid], rows)
+        samples = batch.secondary.where(batch.secondary.valid)
+        rows = np.hstack((samples.q_nb, samples.gap_us[:, None] * 1e-6))
+        queries = Track(frame_index=samples.frame_index, t_us=samples.t_boot_us, rows=rows)
         self._came |= len(queries) > 0
         found = self._lookup.feed(self._with_quiet(batch.attitude), queries)
         picked = in_order(found.query.t_us, self._latest_us)
@@ -149,13 +151,13 @@ class SecondaryEstimate(Check):
     def _with_quiet(self, track: Track) -> Track:
         """The attitudes, each with the seconds since it was last turning fast or banked."""
         if not len(track):
-            return Track(track.t_us, track.frame_index, np.empty((0, ATTITUDE_WIDTH + 1)))
+            return replace(track, rows=np.empty((0, ATTITUDE_WIDTH + 1)))
         settings = self._settings
         rates = track.rows[:, 4:7]
         slow = length(rates) < settings.quiet_below_rad_s
         level = attitude.body_down(track.rows[:, :4])[:, 2] > np.cos(settings.quiet_bank_rad)
         quiet_s = self._quiet.feed(track.t_us, slow & level) * 1e-6
-        return Track(track.t_us, track.frame_index, np.hstack((track.rows, quiet_s[:, None])))
+        return replace(track, rows=np.hstack((track.rows, quiet_s[:, None])))
 
     def why_not(self) -> str:
         """Why nothing was judged."""

@@ -15,13 +15,12 @@ from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
 from gcs_bridge.checks.base import Check, rated
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax, last_where
 from gcs_bridge.settings import AlarmSettings, StreamSettings
-from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples, finite
+from gcs_bridge.telemetry.samples import STREAMS, AttitudeSamples, finite
 from gcs_bridge.telemetry.statements import ParameterSet
 from gcs_bridge.telemetry.stream_liveness import StreamChange
 
-_STREAMS = (ATTITUDE, ATTITUDE_QUATERNION)
 _WINDOWS = 24  # of the own rate, whose median is the usual one
 _LEAST_WINDOWS = 3
 _HEARD_US = 1_000_000  # of the time between two of the vehicle's messages, what it counts as heard
@@ -43,13 +42,13 @@ class _Stream:
         self._other_at_run: Floats = np.full(4, np.nan)
         self._fresh = False  # whether the last sample's numbers were new
         self._other: Floats = np.full(4, np.nan)
-        self._latest_us: int | None = None
-        self._window = (0, 0)  # time and frame_index at its beginning
+        self._latest_us = RunningMax()
+        self._window: tuple[int, int] | None = None  # time and frame_index at its beginning
         self._count = 0
         self._whole = True
         self._rates: deque[int] = deque(maxlen=_WINDOWS)
         self.period_us = -1
-        self._timed_us: int | None = None  # of the vehicle's latest timed message
+        self._timed_us = RunningMax()  # of the vehicle's latest timed message
         self._heard_us = 0  # time so far in which the vehicle was heard
         self._heard_last_us, self._ordinal_last = -1, -1  # the same at the stream's last sample
 
@@ -61,18 +60,15 @@ class _Stream:
         A silence of the whole vehicle is none of the stream; nor is one while parameters are sent.
         """
         line = batch.line
-        past_us = line.t_boot_us[:1] if self._timed_us is None else [self._timed_us]
-        latest = np.maximum.accumulate(np.concatenate((past_us, line.t_boot_us)))
-        self._timed_us = int(latest[-1]) if len(latest) else None
-        heard = np.cumsum(np.concatenate(([self._heard_us], np.minimum(np.diff(latest), _HEARD_US))))[1:]
-        index = np.where(line.stream == k, np.arange(len(heard)), -1)
-        last = np.maximum.accumulate(index)
+        since_us = np.diff(self._timed_us.feed(line.t_boot_us))
+        heard = np.cumsum(np.concatenate(([self._heard_us], np.minimum(since_us, _HEARD_US))))[1:]
+        last = last_where(line.stream == k)
         at_last, ordinal_at_last = (
             np.append(heard, self._heard_last_us),
             np.append(line.frame_index, self._ordinal_last),
         )
         silent_us = heard - at_last[last]
-        known = np.maximum.accumulate(np.where((line.stream == k) & (line.period_us >= 0), np.arange(len(heard)), -1))
+        known = last_where((line.stream == k) & (line.period_us >= 0))
         period_us = np.append(line.period_us, self.period_us)[known]
         sent = np.searchsorted(transfers, line.frame_index) - np.searchsorted(transfers, ordinal_at_last[last])
         transfer = (sent >= _TRANSFER) & (sent >= _TRANSFER_HZ * silent_us * 1e-6)
@@ -87,23 +83,22 @@ class _Stream:
         silences = _silences(batch.stream_changes, k)
         return on_line if not silences else _merged(on_line, _at_deadlines(silences, delays))
 
-    def frozen(
-        self, samples: AttitudeSamples, frame_index: Int64s, other: AttitudeSamples, other_frame_index: Int64s
-    ) -> tuple[Floats, Mask]:
+    def frozen(self, samples: AttitudeSamples, other: AttitudeSamples) -> tuple[Floats, Mask]:
         """For how long, s, each sample's numbers have been the same; and whether the other stream moved meanwhile."""
         numbers = np.ascontiguousarray(samples.q_nb if samples.rpy_rad is None else samples.rpy_rad)
         seen = np.concatenate((self._other[None], other.q_nb))
-        beside = seen[np.searchsorted(other_frame_index, frame_index)]  # the other stream's latest, at each sample
+        beside = seen[
+            np.searchsorted(other.frame_index, samples.frame_index)
+        ]  # the other stream's latest, at each sample
         last = np.full(numbers.shape[1], np.nan) if self._last is None else self._last
         before = np.concatenate((last[None], numbers))[:-1]
         differs = numbers != before  # NaN differs from itself, and is no frozen attitude
         changed = np.logical_or.reduce([differs[:, column] for column in range(differs.shape[1])])
-        index = np.arange(len(numbers))
-        start = np.maximum.accumulate(np.where(changed, index, -1))
+        start = last_where(changed)
         run_us = np.where(start >= 0, samples.t_boot_us[start], self._run_us)
         # The other stream's attitude counts from the first repetition on: at the change it may be the one from before.
         repeats = ~changed & np.concatenate(([self._fresh], changed[:-1]))
-        first = np.maximum.accumulate(np.where(repeats, index, -1))
+        first = last_where(repeats)
         at_run = np.where((first >= 0)[:, None], beside[first], self._other_at_run)
         self._run_us, self._other_at_run, self._fresh = int(run_us[-1]), at_run[-1], bool(changed[-1])
         self._last = numbers[-1]
@@ -119,15 +114,13 @@ class _Stream:
         if len(other):
             self._other = other.q_nb[-1]
 
-    def slow(
-        self, samples: AttitudeSamples, frame_index: Int64s, transfers: Int64s
-    ) -> Iterator[tuple[int, int, float]]:
+    def slow(self, samples: AttitudeSamples, transfers: Int64s) -> Iterator[tuple[int, int, float]]:
         """Time, frame and share of the usual rate, at the end of each window without a silence."""
-        if self._latest_us is None:
-            self._latest_us, self._window = int(samples.t_boot_us[0]), (int(samples.t_boot_us[0]), int(frame_index[0]))
-        latest = np.maximum.accumulate(np.concatenate(([self._latest_us], samples.t_boot_us)))
+        frame_index = samples.frame_index
+        if self._window is None:
+            self._window = (int(samples.t_boot_us[0]), int(frame_index[0]))
+        latest = self._latest_us.feed(samples.t_boot_us)
         silent = np.diff(latest) > self._settings.stale_after_s * 1e6
-        self._latest_us = int(latest[-1])
         begin = 0
         while True:
             end = int(np.searchsorted(latest[1:], self._window[0] + self._window_us))
@@ -194,7 +187,7 @@ class StreamCheck(Check):
         self._settings = settings
         self._delays = delays
         self._at_once = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=0.0)
-        self._alarms = tuple(self._alarms_of(name) for name in _STREAMS)
+        self._alarms = tuple(self._alarms_of(name) for name in STREAMS)
         self.alarm_specs = tuple(spec for alarms in self._alarms for spec in alarms)
         self._start()
 
@@ -218,22 +211,22 @@ class StreamCheck(Check):
         self._start()
 
     def _start(self) -> None:
-        self._streams = tuple(_Stream(self._settings) for _ in _STREAMS)
-        self._heard_us: int | None = None
+        self._streams = tuple(_Stream(self._settings) for _ in STREAMS)
+        self._heard_us = RunningMax()
         self._transfers: Int64s = np.empty(0, np.int64)
         self._frames: tuple[Int64s, Int64s] = np.empty(0, np.int64), np.empty(0, np.int64)
 
     def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
         """Rate what came, and what did not."""
-        sides = ((batch.euler, batch.euler_frame_index), (batch.quaternion, batch.quaternion_frame_index))
+        sides = (batch.euler, batch.quaternion)
         sent = [say.frame_index for say in batch.statements if isinstance(say, ParameterSet)]
         self._transfers = np.concatenate((self._transfers, np.array(sent, np.int64)))[-1000:]
         least = self._least_periods(batch)
         for k, (alarms, stream) in enumerate(zip(self._alarms, self._streams, strict=True)):
-            samples, frame_index = sides[k]
+            samples, frame_index = sides[k], sides[k].frame_index
             yield RatedSamples(alarms.silent, stream.silent(k, batch, least, self._transfers, self._at_once))
             if len(samples):
-                same_s, moved = stream.frozen(samples, frame_index, *sides[1 - k])
+                same_s, moved = stream.frozen(samples, sides[1 - k])
                 value = np.where(moved, same_s, 0.0)
                 frozen = rated(
                     samples.t_boot_us, frame_index, value, self._settings.frozen_after_s * 0.999, self._at_once
@@ -241,24 +234,20 @@ class StreamCheck(Check):
                 yield RatedSamples(alarms.frozen, frozen)
                 invalid = np.where(finite(samples.q_nb), 0.0, 1.0)
                 yield RatedSamples(alarms.invalid, rated(samples.t_boot_us, frame_index, invalid, 0.5, self._delays))
-                windows = np.array(list(stream.slow(samples, frame_index, self._transfers))).reshape(-1, 3)
+                windows = np.array(list(stream.slow(samples, self._transfers))).reshape(-1, 3)
                 share = 1.0 / np.maximum(windows[:, 2], 1e-3)
                 at = windows[:, 1].astype(np.int64)
                 slow = rated(windows[:, 0].astype(np.int64), at, share, 1.0 / self._settings.slow_below, self._at_once)
                 yield RatedSamples(alarms.slow, slow)
-            stream.hear_other(sides[1 - k][0])
-        frame_indices = np.concatenate([frame_index for _, frame_index in sides])
-        arrival = np.argsort(frame_indices, kind="stable")
-        t_us = np.concatenate([samples.t_boot_us for samples, _ in sides])[arrival]
+            stream.hear_other(sides[1 - k])
+        arrival = np.argsort(np.concatenate([samples.frame_index for samples in sides]), kind="stable")
+        t_us = np.concatenate([samples.t_boot_us for samples in sides])[arrival]
         self._watch_streams(t_us)
 
     def _watch_streams(self, t_us: Int64s) -> None:
         """Every sample is judged; the report's numbers are the intervals between them, of both streams together."""
         if len(t_us):
-            past_us = int(t_us[0]) if self._heard_us is None else self._heard_us
-            latest = np.maximum.accumulate(np.concatenate(([past_us], t_us)))
-            self._heard_us = int(latest[-1])
-            self._watch(t_us, np.diff(latest) * 1e-6, np.ones(len(t_us), np.bool_))
+            self._watch(t_us, np.diff(self._heard_us.feed(t_us)) * 1e-6, np.ones(len(t_us), np.bool_))
 
     def silent(self, turns: list[StreamChange]) -> Iterator[RatedSamples]:
         """Rate silences that were found on receive time, while no timed message came."""
@@ -271,7 +260,7 @@ class StreamCheck(Check):
         """How many periods of silence mean something, by the share of the vehicle's frames that was lost of late."""
         lost, received = (
             np.concatenate((before, now))
-            for before, now in zip(self._frames, (batch.lost, batch.received), strict=True)
+            for before, now in zip(self._frames, (batch.line.lost, batch.line.received), strict=True)
         )
         row = np.arange(len(self._frames[0]), len(lost))
         since = np.maximum(row - _LOSS_MESSAGES, 0)

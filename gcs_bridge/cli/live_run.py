@@ -171,11 +171,8 @@ def _warm_up(settings: Settings, dialect: str) -> None:
     from gcs_bridge import resources
     from gcs_bridge.jit import needs_compiling
     from gcs_bridge.judging.monitor import Monitor
-    from gcs_bridge.mavlink.decode import gather
-    from gcs_bridge.mavlink.scan import scan_kernel
-    from gcs_bridge.pairing.kernel import match_kernel
 
-    if needs_compiling(scan_kernel, gather, match_kernel):
+    if needs_compiling("gcs_bridge"):
         _note("compiling its kernels, once on this machine (some seconds)")
     with resources.demo_recording().open("rb") as recording:
         Monitor(settings=settings, dialect=dialect).feed_recording(recording.read(_WARM_UP_BYTES))

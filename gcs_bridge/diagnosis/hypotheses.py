@@ -201,8 +201,9 @@ def _pairs() -> Iterator[Hypothesis]:
 _ATTITUDES_RPY = np.array([(0.37 * i, 0.61 * np.sin(1.7 * i), 0.83 * i * i % 3.0 - 1.5) for i in range(1, 9)])
 
 
+@functools.lru_cache(maxsize=512)
 def _agreeing(hypothesis: Hypothesis) -> Floats:
-    """The quaternions (n, 4) that agree with some fixed angles under a hypothesis."""
+    """The quaternions (n, 4) that agree with some fixed angles under a hypothesis; asked again for each comparison."""
     return hypothesis.apply(quaternion_of_rpy(hypothesis.undone(_ATTITUDES_RPY, "rpy")), "quaternion")
 
 

@@ -82,7 +82,7 @@ class HypothesisSearch:
         """Look at the pairs as sent, from the first that disagrees on: an onset may have been seen too early."""
         found = pairing.compare([NO_MISTAKE])
         onset = _onset(found.residual_rad[0], found.bound_rad[0])
-        pairing = pairing.where(np.arange(onset, len(pairing)))
+        pairing = pairing[onset:]
         self.pairing = pairing
         self._alignment = alignment
         self._trims = pairing.window.trims
@@ -91,8 +91,8 @@ class HypothesisSearch:
         residual, bound = self.as_sent.residual_rad[0], self.as_sent.bound_rad[0]
         self.bad: Mask = residual > _BAD_RAD + bound
         self._bad_samples = pairing.sample[self.bad]
-        self._some = pairing.where(_spread(self.bad, _SOME))
-        self._few = pairing.where(_spread(self.bad, _FEW))
+        self._some = pairing[_spread(self.bad, _SOME)]
+        self._few = pairing[_spread(self.bad, _FEW)]
         self._skew_s = fits.skew_by_rates(self._few)
         (self._as_sent,) = self._rated([NO_MISTAKE], pairing, self.as_sent)
 

@@ -1,28 +1,29 @@
 """A window's samples as they were sent → pairs of attitudes under a hypothesis, which is undone before they are paired.
 
-Equal instants first, else the faster stream interpolated at the slower one's times, each pair with the bound of that,
-as `pairing` does it. Here all samples are known at once, and many hypotheses are compared on the same pairs.
+The pairing is that of `gcs_bridge.pairing`: equal instants first, else the faster stream interpolated at the slower
+one's times, each pair with the bound of that. Here all samples are known at once, their stamps may be set back by a
+skew, and many hypotheses are compared on the same pairs: its kernel, which follows samples as they come, is of no use.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from gcs_bridge import attitude
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Columns, Floats, Int64s, Mask
 from gcs_bridge.diagnosis.hypotheses import Hypothesis, Mistakes, Side, quaternion_of_rpy, undoing
 from gcs_bridge.pairing.bounds import interpolation_bound_rad, turn_and_kin
+from gcs_bridge.pairing.neighbours import first_at_or_behind
 from gcs_bridge.settings import AlignmentSettings
 from gcs_bridge.telemetry.samples import AttitudeSamples
 
 EULER, QUATERNION = 0, 1
 MAX_PAIRS = 2000
-_FASTER = 1.25  # ratio of periods from which a stream counts as the slower one, as in `align`
+_FASTER = 1.25  # ratio of periods from which a stream counts as the slower one, as in the pairing's kernel
 _SAME_S = 1e-6
 AttitudeOf = Callable[[Floats, Int64s], Floats]
 """(angles (n, 3) rad, their rows in the window's samples (n,)) → q_nb (n, 4), expected differences undone."""
@@ -100,7 +101,7 @@ class Comparison(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pairing:
+class Pairing(Columns):
     """Which samples make k pairs once the quaternion's stamps are set back by a skew.
 
     `slower`: EULER or QUATERNION; of it sample and the one before, `previous` (itself: there is none); of the other
@@ -108,24 +109,16 @@ class Pairing:
     way from one to the other, and the gap `h_s` between them.
     """
 
-    window: Window
-    streams: tuple[Stream, Stream]
-    slower: int
     sample: Int64s
     previous: Int64s
     before: Int64s
     after: Int64s
     u: Floats
     h_s: Floats
+    window: Window
+    streams: tuple[Stream, Stream]
+    slower: int
     same_bound_rad: float
-
-    def __len__(self) -> int:
-        return len(self.sample)
-
-    def where(self, rows: npt.NDArray[np.int64] | Mask) -> Pairing:
-        """Some of the pairs."""
-        names = ("sample", "previous", "before", "after", "u", "h_s")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     @property
     def t_s(self) -> Floats:
@@ -204,7 +197,7 @@ def pair(window: Window, alignment: AlignmentSettings) -> Pairing:
     every = np.arange(len(of[slower].t_s))
     found, _ = _paired(window, of, slower, every, np.zeros(len(every)), alignment)
     if len(found) > MAX_PAIRS:
-        found = found.where(np.linspace(0, len(found) - 1, MAX_PAIRS).astype(np.int64))
+        found = found[np.linspace(0, len(found) - 1, MAX_PAIRS).astype(np.int64)]
     return found
 
 
@@ -231,17 +224,14 @@ def _paired(
     slow, fast = of[slower], of[1 - slower]
     # Seen from the slower stream's stamps: a quaternion that is late by the skew was there before.
     t_s = slow.t_s[sample] + (skew_s if slower == EULER else -skew_s)
-    end = len(fast.t_s) - 1
-    after = np.searchsorted(fast.t_s, t_s - _SAME_S)
-    inside = after <= end
-    after = np.minimum(after, end)
-    if end < 0:
-        sample, t_s, after, inside = sample[:0], t_s[:0], after[:0], inside[:0]
-    same = np.abs(fast.t_s[after] - t_s) <= _SAME_S
+    after, same = first_at_or_behind(t_s, fast.t_s, within=_SAME_S)
     before = np.where(same, after, after - 1)
+    kept = np.flatnonzero((after < len(fast.t_s)) & (before >= 0))
+    before, after, same = before[kept], after[kept], same[kept]
     h_s = np.where(same, 1.0, fast.t_s[after] - fast.t_s[before])
-    kept = np.flatnonzero(inside & (before >= 0) & (h_s <= alignment.max_gap_s))
-    sample, before, after, h_s, t_s = sample[kept], before[kept], after[kept], h_s[kept], t_s[kept]
+    near = h_s <= alignment.max_gap_s
+    kept, before, after, h_s = kept[near], before[near], after[near], h_s[near]
+    sample, t_s = sample[kept], t_s[kept]
     u = np.where(before == after, 0.0, np.clip((t_s - fast.t_s[before]) / h_s, 0.0, 1.0))
     found = Pairing(
         window=window,

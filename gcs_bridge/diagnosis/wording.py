@@ -93,7 +93,7 @@ def _turns() -> Floats:
 
 def _left_deg(truth: Hypothesis, other: Hypothesis, pairing: Pairing, turns: Floats) -> Floats:
     """What `other` would leave (n,), deg, if `truth` were right and the vehicle held still after each turn (n, 3)."""
-    found = pairing.where(np.array([len(pairing) - 1])).compare([truth])
+    found = pairing[np.array([len(pairing) - 1])].compare([truth])
     # As it should be, in the words of the side that `truth` holds for right.
     q_nb = attitude.multiply(
         attitude.quaternion_from_rotvec(np.stack([0 * turns[:, 2], 0 * turns[:, 2], turns[:, 2]], axis=1)),

@@ -20,7 +20,7 @@ from gcs_bridge.telemetry.statements import LandedSet, ModeSet, ParameterSet, Te
 
 __all__ = ["tables_of", "utc"]
 
-Columns = dict[str, pa.Array]
+Table = dict[str, pa.Array]
 
 _WXYZ, _XYZ = ("w", "x", "y", "z"), ("x", "y", "z")
 
@@ -41,35 +41,34 @@ def utc(t_us: Int64s) -> pa.Array:
     return pa.array(t_us, pa.timestamp("us", tz="UTC"), mask=t_us <= 0)
 
 
-def _attitude(one: Observation) -> Columns:
+def _attitude(one: Observation) -> Table:
     """ATTITUDE as sent, and the attitude that it means once the expected differences are undone."""
-    flight = one.flight
-    sent = _attitude_columns(one.segment.euler, flight.euler_frame_index)
-    return sent | _spread("q_nb_undone", _WXYZ, flight.euler.q_nb, as_sent=True)
+    sent = _attitude_columns(one.segment.euler)
+    return sent | _spread("q_nb_undone", _WXYZ, one.flight.euler.q_nb, as_sent=True)
 
 
-def _attitude_quaternion(one: Observation) -> Columns:
+def _attitude_quaternion(one: Observation) -> Table:
     """ATTITUDE_QUATERNION as sent, never normalised, and its angles."""
-    return _attitude_columns(one.segment.quaternion, one.flight.quaternion_frame_index)
+    return _attitude_columns(one.segment.quaternion)
 
 
-def _ahrs2(one: Observation) -> Columns:
+def _ahrs2(one: Observation) -> Table:
     """The second estimate, stamped midway between the messages around it."""
     second = one.flight.secondary
-    columns = _attitude_columns(second.samples, second.frame_index)
+    columns = _attitude_columns(second)
     return {name: columns[name] for name in columns if not name.startswith("w_")} | {
         "t_boot_gap_s": pa.array(second.gap_us / 1e6)
     }
 
 
-def _attitude_columns(samples: AttitudeSamples, frame_index: Int64s) -> Columns:
+def _attitude_columns(samples: AttitudeSamples) -> Table:
     rpy_rad = samples.rpy_rad
     if rpy_rad is None:
         rpy_rad = attitude.rpy_from_quaternion(samples.q_nb)
     return {
         "t_boot_s": _seconds(samples.t_boot_us),
         "t_rx_utc": utc(samples.t_rx_us),
-        "frame": pa.array(frame_index),
+        "frame": pa.array(samples.frame_index),
         "valid": pa.array(samples.valid),
         **dict(zip(("roll_rad", "pitch_rad", "yaw_rad"), map(pa.array, rpy_rad.T), strict=True)),
         **_spread("q_nb", _WXYZ, samples.q_nb, as_sent=True),
@@ -77,13 +76,13 @@ def _attitude_columns(samples: AttitudeSamples, frame_index: Int64s) -> Columns:
     }
 
 
-def _pairs(one: Observation) -> Columns:
+def _pairs(one: Observation) -> Table:
     """The two attitudes at one instant each, and how the quaternion differs, seen from the Euler angles."""
     pairs, found = one.pairs, one.disagreement
     raw_rad = attitude.angle_between(pairs.q_euler_sent, pairs.q_quaternion)
     return {
         "t_boot_s": _seconds(pairs.t_boot_us),
-        "frame": pa.array(one.flight.pair_frame_index),
+        "frame": pa.array(pairs.frame_index),
         "same_instant": pa.array(pairs.same_instant),
         "judged": pa.array(found.judged),
         "counted": pa.array(found.counted),
@@ -103,26 +102,25 @@ def _pairs(one: Observation) -> Columns:
     }
 
 
-def _imu(one: Observation) -> Columns:
+def _imu(one: Observation) -> Table:
     """The inertial sensor that is judged by."""
     imu = one.flight.imu
     if imu is None:
         return {}
-    samples = imu.samples
     return {
-        "t_boot_s": _seconds(samples.t_boot_us),
-        "t_rx_utc": utc(samples.t_rx_us),
+        "t_boot_s": _seconds(imu.t_boot_us),
+        "t_rx_utc": utc(imu.t_rx_us),
         "frame": pa.array(imu.frame_index),
-        "message": pa.array([samples.source] * len(samples), pa.string()),
-        "t_sensor_s": _seconds(samples.t_us),
-        **_spread("f_b_m_s2", _XYZ, samples.f_b_m_s2),
-        **_spread("w_nb_b_rad_s", _XYZ, samples.w_b_rad_s),
-        **_spread("m_b_gauss", _XYZ, samples.m_b_gauss),
-        "may_rest": pa.array(one.flight.may_rest),
+        "message": pa.array([imu.source] * len(imu), pa.string()),
+        "t_sensor_s": _seconds(imu.t_us),
+        **_spread("f_b_m_s2", _XYZ, imu.f_b_m_s2),
+        **_spread("w_nb_b_rad_s", _XYZ, imu.w_b_rad_s),
+        **_spread("m_b_gauss", _XYZ, imu.m_b_gauss),
+        "may_rest": pa.array(imu.may_rest),
     }
 
 
-_SAMPLED: dict[str, Callable[[Observation], Columns]] = {
+_SAMPLED: dict[str, Callable[[Observation], Table]] = {
     "attitude": _attitude,
     "attitude_quaternion": _attitude_quaternion,
     "pairs": _pairs,
@@ -174,7 +172,7 @@ def _words(said: Said) -> tuple[str, str]:
             return flags.what, f"{flags.before} -> {flags.value}"
 
 
-def _when(told: list[Said]) -> Columns:
+def _when(told: list[Said]) -> Table:
     """Frame and time of statements, which carry no time: that of the vehicle's last message before."""
     t_boot_s = [None if said.t_boot_us is None else said.t_boot_us / 1e6 for said in told]
     return {
@@ -184,7 +182,7 @@ def _when(told: list[Said]) -> Columns:
     }
 
 
-def _spread(name: str, parts: tuple[str, ...], rows: Floats, *, as_sent: bool = False) -> Columns:
+def _spread(name: str, parts: tuple[str, ...], rows: Floats, *, as_sent: bool = False) -> Table:
     """The columns of vectors or quaternions, one a part; NaN is unknown, unless it was sent."""
     columns = zip(parts, rows.T, strict=True)
     return {f"{name}_{part}": pa.array(column, from_pandas=not as_sent) for part, column in columns}

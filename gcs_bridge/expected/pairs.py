@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, last_where, running_max
 from gcs_bridge.expected.correction import Correction
+from gcs_bridge.pairing.neighbours import first_at_or_behind
 from gcs_bridge.telemetry.samples import AttitudeSamples
 
 NOISE_RAD = math.radians(1e-4)
@@ -32,28 +32,13 @@ _STEEP_RAD = math.radians(80.0)  # pairs beyond this pitch of ATTITUDE are not c
 TAIL = 256  # samples of each stream that can still find their partner
 
 
-@dataclass(frozen=True)
-class Rows:
-    """Columns of equal length, in order of arrival."""
-
-    def __len__(self) -> int:
-        return len(self.t_us)
-
-    frame_index: Int64s  # of the frame
+@dataclass(frozen=True, kw_only=True)
+class _Rows(FrameColumns):
     t_us: Int64s  # since boot
 
-    def part(self, rows: Any) -> Self:
-        """The rows of a slice, mask or index array."""
-        return type(self)(*[getattr(self, column)[rows] for column in self.__match_args__])
 
-    def then(self, more: Self) -> Self:
-        """These rows, and `more` behind them."""
-        both = [(getattr(self, column), getattr(more, column)) for column in self.__match_args__]
-        return type(self)(*[np.concatenate(columns) for columns in both])
-
-
-@dataclass(frozen=True)
-class EulerRows(Rows):
+@dataclass(frozen=True, kw_only=True)
+class EulerRows(_Rows):
     """Samples of ATTITUDE."""
 
     rpy_rad: Floats  # (n, 3) as sent
@@ -61,16 +46,16 @@ class EulerRows(Rows):
     free: Mask  # (n,) the view may change here
 
 
-@dataclass(frozen=True)
-class QuaternionRows(Rows):
+@dataclass(frozen=True, kw_only=True)
+class QuaternionRows(_Rows):
     """Samples of ATTITUDE_QUATERNION."""
 
     q_nb: Floats  # (n, 4) as sent
     w_b_rad_s: Floats  # (n, 3)
 
 
-@dataclass(frozen=True)
-class CleanPairs(Rows):
+@dataclass(frozen=True, kw_only=True)
+class CleanPairs(_Rows):
     """Clean pairs of one instant, in the order in which they were completed, by the frame `frame_index`."""
 
     rpy_rad: Floats  # (n, 3) as sent
@@ -88,24 +73,24 @@ class CleanPairs(Rows):
 
 
 _INTS, _MASK = np.empty(0, np.int64), np.empty(0, np.bool_)
-NO_EULER = EulerRows(_INTS, _INTS, np.empty((0, 3)), np.empty(0, np.int8), _MASK)
-NO_QUATERNION = QuaternionRows(_INTS, _INTS, np.empty((0, 4)), np.empty((0, 3)))
-NO_CLEAN_PAIRS = CleanPairs(_INTS, _INTS, np.empty((0, 3)), np.empty((0, 4)), _MASK)
+NO_EULER = EulerRows(frame_index=_INTS, t_us=_INTS, rpy_rad=np.empty((0, 3)), view=np.empty(0, np.int8), free=_MASK)
+NO_QUATERNION = QuaternionRows(frame_index=_INTS, t_us=_INTS, q_nb=np.empty((0, 4)), w_b_rad_s=np.empty((0, 3)))
+NO_CLEAN_PAIRS = CleanPairs(frame_index=_INTS, t_us=_INTS, rpy_rad=np.empty((0, 3)), q_nb=np.empty((0, 4)), free=_MASK)
 
 
-def in_order(samples: AttitudeSamples, before: Rows) -> Mask:
+def in_order(samples: AttitudeSamples, before: EulerRows | QuaternionRows) -> Mask:
     """Which samples (n,) are valid and later than all valid ones before them."""
     latest = int(before.t_us[-1]) if len(before) else -1
     t_us = np.where(samples.valid, samples.t_boot_us, -1)
-    return t_us > np.maximum.accumulate(np.concatenate(([latest], t_us)))[:-1]
+    return t_us > running_max(t_us, latest)[:-1]
 
 
 def match(euler: EulerRows, quaternion: QuaternionRows, after: int) -> tuple[CleanPairs, npt.NDArray[np.int8]]:
     """The clean pairs of one instant that were completed after the frame `after`, and the view of each."""
     if not len(euler) or not len(quaternion):
         return NO_CLEAN_PAIRS, NO_EULER.view
-    at = np.minimum(np.searchsorted(quaternion.t_us, euler.t_us), len(quaternion) - 1)
-    i = np.flatnonzero(quaternion.t_us[at] == euler.t_us)
+    at, same = first_at_or_behind(euler.t_us, quaternion.t_us)
+    i = np.flatnonzero(same)
     j = at[i]
     completed = np.maximum(euler.frame_index[i], quaternion.frame_index[j])
     clean = (completed > after) & (np.abs(euler.rpy_rad[i, 1]) <= _STEEP_RAD)
@@ -113,14 +98,19 @@ def match(euler: EulerRows, quaternion: QuaternionRows, after: int) -> tuple[Cle
         clean &= np.searchsorted(of.frame_index, completed, side="right") - rows <= TAIL
     order = np.argsort(completed[clean], kind="stable")
     i, j = i[clean][order], j[clean][order]
-    t_us, rpy_rad, q_nb = euler.t_us[i], euler.rpy_rad[i], quaternion.q_nb[j]
-    return CleanPairs(completed[clean][order], t_us, rpy_rad, q_nb, euler.free[i]), euler.view[i]
+    pairs = CleanPairs(
+        frame_index=completed[clean][order],
+        t_us=euler.t_us[i],
+        rpy_rad=euler.rpy_rad[i],
+        q_nb=quaternion.q_nb[j],
+        free=euler.free[i],
+    )
+    return pairs, euler.view[i]
 
 
 def run_lengths(mask: Mask, before: int) -> Int64s:
     """For each place, how many in a row are true up to it; `before` were true before the first."""
-    place = np.arange(len(mask))
-    last_false = np.maximum.accumulate(np.where(mask, -1, place))
+    place, last_false = np.arange(len(mask)), last_where(~mask)
     return np.where(mask, place - last_false + np.where(last_false < 0, before, 0), 0)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, last_where
 from gcs_bridge.contract import ExplainedBy
 from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, VTOL_VIEW, Correction
 from gcs_bridge.expected.knowledge import FORWARD, HOVER, FirmwareConfig
@@ -40,41 +40,34 @@ _VIEW_MATCH_RAD = math.radians(2.0)  # the latest quaternion, brought to the sam
 _VIEW_MATCH_SHARE = 0.25  # so much, or by this share of what is between the views
 
 
-@dataclass(frozen=True)
-class Corrected:
+@dataclass(frozen=True, kw_only=True)
+class Corrected(FrameColumns):
     """n Euler samples with the expected differences undone.
 
     `q_nb` (n, 4) [w, x, y, z], FRD to NED; `causes` (n,) bits PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what turned a sample
-    by more than 0.02°; `untold` (n,) bits of what may be in it, was not told and not fitted yet; `applied`: rows, and
-    what was undone there; nothing was elsewhere.
+    by more than 0.02°; `untold` (n,) bits of what may be in it, was not told and not fitted yet; `applied` (n,) which
+    of the `corrections` was undone, the first of which is none.
     """
 
     q_nb: Floats
     causes: npt.NDArray[np.uint8]
     untold: npt.NDArray[np.uint8]
-    applied: tuple[tuple[Int64s, Correction], ...] = ()
-
-    def __getitem__(self, part: slice) -> Corrected:
-        """Some samples, one behind the other."""
-        start, stop, _ = part.indices(len(self.q_nb))
-        applied = ((rows[(rows >= start) & (rows < stop)] - start, correction) for rows, correction in self.applied)
-        return Corrected(self.q_nb[part], self.causes[part], self.untold[part], tuple(applied))
+    applied: Int64s
+    corrections: tuple[Correction, ...]
 
     def undo(self, rpy_rad: Floats, rows: Int64s) -> Floats:
         """What was undone at `rows` (n,) of the batch, undone in other angles (n, 3): q_nb (n, 4)."""
         q_nb = NOTHING.undo(rpy_rad)
-        for where, correction in self.applied:
-            mine = np.isin(rows, where)
-            if mine.any():
-                q_nb[mine] = correction.undo(rpy_rad[mine])
+        applied = self.applied[rows]
+        for index in np.unique(applied[applied > 0]).tolist():
+            mine = applied == index
+            q_nb[mine] = self.corrections[index].undo(rpy_rad[mine])
         return q_nb
 
-    def trim_b_rad(self, n: int) -> Floats:
-        """AHRS_TRIM as it was undone in each of n samples: the turn (n, 3) from the body's axes to the IMU's."""
-        trim = np.zeros((n, 3))
-        for where, correction in self.applied:
-            trim[where] = correction.trim_x_rad, correction.trim_y_rad, 0.0
-        return trim
+    @property
+    def trim_b_rad(self) -> Floats:
+        """AHRS_TRIM as it was undone in each of the samples: the turn (n, 3) from the body's axes to the IMU's."""
+        return np.array([(one.trim_x_rad, one.trim_y_rad, 0.0) for one in self.corrections])[self.applied]
 
 
 @dataclass
@@ -113,19 +106,13 @@ class Expected:
         """Take what arrived in this batch, in order of arrival, before `correct` of the same batch."""
         self._news += what
 
-    def correct(
-        self,
-        euler: AttitudeSamples,
-        euler_frame_index: Int64s,
-        quaternion: AttitudeSamples,
-        quaternion_frame_index: Int64s,
-    ) -> Corrected:
+    def correct(self, euler: AttitudeSamples, quaternion: AttitudeSamples) -> Corrected:
         """Undo the expected differences in a batch of Euler samples.
 
-        `euler_frame_index` and `quaternion_frame_index` say the order of arrival among both and with what was told.
+        The frames say the order of arrival among both and with what was told.
         """
         q_nb, causes, untold = euler.q_nb, np.zeros(len(euler), np.uint8), np.zeros(len(euler), np.uint8)
-        applied: list[tuple[Int64s, Correction]] = []
+        applied, corrections = np.zeros(len(euler), np.int64), [NOTHING]
         news, self._news = self._news, []
         done = [0, 0]
         for what in [*news, None]:
@@ -133,22 +120,31 @@ class Expected:
                 continue
             upto = [len(euler), len(quaternion)]
             if what is not None:
-                upto = [
-                    int(np.searchsorted(of, what.frame_index)) for of in (euler_frame_index, quaternion_frame_index)
-                ]
+                upto = [int(np.searchsorted(of.frame_index, what.frame_index)) for of in (euler, quaternion)]
             if upto != done and not self._told.makes_none:
                 e, q = slice(done[0], upto[0]), slice(done[1], upto[1])
-                for rows, corrected, turned_by, correction in self._take(
-                    euler[e], euler_frame_index[e], quaternion[q], quaternion_frame_index[q], untold[e]
-                ):
+                for rows, corrected, turned_by, correction in self._take(euler[e], quaternion[q], untold[e]):
                     if q_nb is euler.q_nb:
                         q_nb = q_nb.copy()
                     q_nb[done[0] + rows], causes[done[0] + rows] = corrected, turned_by
-                    applied.append((done[0] + rows, correction))
+                    applied[done[0] + rows] = len(corrections)
+                    corrections.append(correction)
             done = upto
             if what is not None:
                 self._learn(what)
-        return Corrected(q_nb, causes, untold, tuple(applied))
+        return Corrected(
+            frame_index=euler.frame_index,
+            q_nb=q_nb,
+            causes=causes,
+            untold=untold,
+            applied=applied,
+            corrections=tuple(corrections),
+        )
+
+    @property
+    def explains(self) -> bool:
+        """Whether anything was undone that shows."""
+        return bool(self._explanations)
 
     def explanations(self) -> list[ExplainedBy]:
         """The report's `explained_by`: what turned samples by more than 0.02°, in order of time."""
@@ -175,12 +171,7 @@ class Expected:
         self._views[HOVER].expect(tuple(dict.fromkeys((hover, forward, NOTHING))), told.open_view)
 
     def _take(
-        self,
-        euler: AttitudeSamples,
-        euler_frame_index: Int64s,
-        quaternion: AttitudeSamples,
-        quaternion_frame_index: Int64s,
-        untold: npt.NDArray[np.uint8],
+        self, euler: AttitudeSamples, quaternion: AttitudeSamples, untold: npt.NDArray[np.uint8]
     ) -> Iterator[tuple[Int64s, Floats, npt.NDArray[np.uint8], Correction]]:
         """Take samples among which nothing was told; yield rows that are corrected, q_nb, causes and correction.
 
@@ -188,19 +179,28 @@ class Expected:
         """
         assert euler.rpy_rad is not None
         good = in_order(quaternion, self._quaternion)
-        more = QuaternionRows(quaternion_frame_index, quaternion.t_boot_us, quaternion.q_nb, quaternion.w_nb_b_rad_s)
-        quaternions = self._quaternion.then(more.part(good))
+        more = QuaternionRows(
+            frame_index=quaternion.frame_index,
+            t_us=quaternion.t_boot_us,
+            q_nb=quaternion.q_nb,
+            w_b_rad_s=quaternion.w_nb_b_rad_s,
+        )
+        quaternions = self._quaternion.then(more[good])
         good = in_order(euler, self._euler)
         start, end = 0, len(euler)
         while True:
             rest = slice(start, end)
-            view, free, astray_since_us = self._choose(
-                euler_frame_index[rest], euler[rest], euler.rpy_rad[rest], quaternions
+            view, free, astray_since_us = self._choose(euler[rest], euler.rpy_rad[rest], quaternions)
+            new = EulerRows(
+                frame_index=euler.frame_index[rest],
+                t_us=euler.t_boot_us[rest],
+                rpy_rad=euler.rpy_rad[rest],
+                view=view,
+                free=free,
             )
-            new = EulerRows(euler_frame_index[rest], euler.t_boot_us[rest], euler.rpy_rad[rest], view, free)
-            eulers = self._euler.then(new.part(good[rest]))
+            eulers = self._euler.then(new[good[rest]])
             pairs, views = match(eulers, quaternions, self._done)
-            parts = [pairs.part(views == view) for view in (FORWARD, HOVER)] if views.any() else [pairs, NO_CLEAN_PAIRS]
+            parts = [pairs[views == view] for view in (FORWARD, HOVER)] if views.any() else [pairs, NO_CLEAN_PAIRS]
             steps = self._scan(parts)
             frame_indices = [int(part.frame_index[step.at]) for part, step in zip(parts, steps, strict=True) if step]
             frame_index = min(frame_indices, default=None)
@@ -209,19 +209,19 @@ class Expected:
             )
             forward, hover = self._views
             untold[start : start + count] = np.where(view[:count] == FORWARD, forward.untold, hover.untold)
-            yield from self._undo(new.part(slice(count)), start)
+            yield from self._undo(new[:count], start)
             self._keep(parts, steps, frame_index)
             if count:
                 self._shown, self._astray_since_us = int(view[count - 1]), int(astray_since_us[count - 1])
-                self._euler = self._euler.then(new.part(slice(count)).part(good[start : start + count]))
+                self._euler = self._euler.then(new[:count][good[start : start + count]])
             if frame_index is None:
                 break
             self._done, start = frame_index, start + count
-        self._done = max([self._done, *(int(of[-1]) for of in (euler_frame_index, quaternion_frame_index) if len(of))])
-        self._euler, self._quaternion = self._euler.part(slice(-TAIL, None)), quaternions.part(slice(-TAIL, None))
+        self._done = max([self._done, *(int(of[-1]) for of in (euler.frame_index, quaternion.frame_index) if len(of))])
+        self._euler, self._quaternion = self._euler[-TAIL:], quaternions[-TAIL:]
 
     def _choose(
-        self, frame_index: Int64s, euler: AttitudeSamples, rpy_rad: Floats, quaternions: QuaternionRows
+        self, euler: AttitudeSamples, rpy_rad: Floats, quaternions: QuaternionRows
     ) -> tuple[npt.NDArray[np.int8], Mask, Int64s]:
         """The view that each of n Euler samples shows, whether it may change there, since when it is not the mode's.
 
@@ -242,7 +242,7 @@ class Expected:
         unknown = self._told.open_view and not hover.fitted
         if unknown or hover.correction == self._views[FORWARD].correction or not len(quaternions):
             return view, free, astray_since_us
-        latest = np.searchsorted(quaternions.frame_index, frame_index) - 1
+        latest = np.searchsorted(quaternions.frame_index, euler.frame_index) - 1
         since_s = (t_us - quaternions.t_us[latest]) * 1e-6
         turn = 0.5 * (quaternions.w_b_rad_s[latest] + euler.w_nb_b_rad_s) * since_s[:, None]
         q_now = attitude.multiply(quaternions.q_nb[latest], attitude.quaternion_from_rotvec(turn))
@@ -252,11 +252,11 @@ class Expected:
         known = (latest >= 0) & (np.abs(since_s) <= _QUATERNION_AGE_S)
         known &= np.minimum(*off) <= np.maximum(_VIEW_MATCH_RAD, _VIEW_MATCH_SHARE * _norm(downs[0] - downs[1]))
         is_usual, astray = (known & (3.0 * off[one] < off[1 - one]) for one in (usual, 1 - usual))
-        decided = np.maximum.accumulate(np.where(is_usual | astray, np.arange(n), -1))
+        decided = last_where(is_usual | astray)
         undecided = usual if self._shown is None else self._shown
         shown = np.where(decided >= 0, np.where(astray[decided], 1 - usual, usual), undecided)
         before = np.concatenate(([self._astray_since_us >= 0], astray[:-1]))
-        begins = np.maximum.accumulate(np.where(astray & ~before, np.arange(n), -1))
+        begins = last_where(astray & ~before)
         astray_since_us = np.where(begins >= 0, t_us[begins], self._astray_since_us)
         astray_since_us[~astray] = -1
         ahead = astray & (t_us - astray_since_us <= _AHEAD_US)
@@ -278,7 +278,7 @@ class Expected:
             upto = (
                 len(part) if frame_index is None else int(np.searchsorted(part.frame_index, frame_index, side="right"))
             )
-            dropped = view.keep(part.part(slice(upto)), made).values()
+            dropped = view.keep(part[:upto], made).values()
             given_up = 0 if made is None else made.gives_up
             self._explanations = [
                 one

@@ -162,15 +162,15 @@ class View:
         self._banked |= bool(_banking(pairs, agreements).any())
         self._denials, self._agreements = int(denials[-1]), int(agreements[-1])
         self._confirmed |= bool((agreements >= IN_A_ROW).any())
-        self._test(pairs.part(denials == 0))
+        self._test(pairs[denials == 0])
         seen = self._recent.then(pairs)
-        self._sparse = self._sparse.then(seen.part(self._one_a_second(seen))).part(slice(-_RECENT, None))
-        self._recent = seen.part(slice(-_RECENT, None))
+        self._sparse = self._sparse.then(seen[self._one_a_second(seen)])[-_RECENT:]
+        self._recent = seen[-_RECENT:]
         if step is None or step.correction == self.correction:
             return NOTHING
         dropped = NOTHING if self._confirmed or self.fitted else self.correction
         self._hold(step)
-        self._test(self._recent.part(slice(-IN_A_ROW, None)))
+        self._test(self._recent[-IN_A_ROW:])
         return dropped
 
     def alternatives(self) -> list[str]:
@@ -250,7 +250,7 @@ class View:
             lengths = (_RECENT, _RECENT // 2, TRIM_PAIRS) if denials[at] < _RECENT else (_RECENT,)
             windows = [np.arange(max(to - length, old), to) for length in lengths]
             for window in (np.concatenate((begins[begins < to][-_RECENT:], windows[0])), *windows):
-                fitted = fit_trims(both.part(window), rotvec[window], pitch_rad)
+                fitted = fit_trims(both[window], rotvec[window], pitch_rad)
                 if fitted is not None:
                     return [CorrectionChange(at, fitted, AHRS_TRIM)]
         return []

@@ -9,20 +9,17 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple, TypeVar
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from gcs_bridge.columns import Int64s
 from gcs_bridge.events import AlarmRaised, Event, vehicle_of
 from gcs_bridge.judging.observation import Observation
-from gcs_bridge.telemetry.batches import Ahrs2Batch, ImuBatch
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.statements import ParameterSet, Statement
-from gcs_bridge.telemetry.stream_liveness import Timeline
 
-_Rows = TypeVar("_Rows")
 AROUND_US = 10_000_000
 _LATE_US = 5_000_000  # events are told so much behind the time that they carry: by late frames, and by late neighbours
 _MOST_FRAMES = 100_000  # of a moment, on either side of its alarm: for clocks that stand still
@@ -40,7 +37,7 @@ class Said(NamedTuple):
     t_boot_us: int | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AlarmWindow:
     """The time around one alarm of a vehicle.
 
@@ -181,17 +178,18 @@ class _Vehicle:
         first, at, end = self._frames(one)
         parts = (between(kept, first, end) for kept in self._kept if kept.segment.boot == one.boot)
         begin_s, end_s = (one.t_boot_us - AROUND_US) / 1e6, (one.t_boot_us + AROUND_US) / 1e6
+        events = (event for event in self._events if event.boot == one.boot)
         return AlarmWindow(
-            self._key,
-            one.alarm,
-            one.boot,
-            one.t_boot_us,
-            first,
-            at,
-            end,
-            tuple(part for part in parts if any(len(of) for of in _frame_indices(part))),
-            tuple(event for event in self._events if event.boot == one.boot and begin_s <= _boot_s(event) <= end_s),
-            tuple(self._in_force(first, end)),
+            vehicle=self._key,
+            alarm=one.alarm,
+            boot=one.boot,
+            t_boot_us=one.t_boot_us,
+            first=first,
+            at=at,
+            end=end,
+            observations=tuple(part for part in parts if any(len(of) for of in _frame_indices(part))),
+            events=tuple(event for event in events if begin_s <= _boot_s(event) <= end_s),
+            said=tuple(self._in_force(first, end)),
         )
 
     def _frames(self, one: _Open) -> tuple[int, int, int]:
@@ -284,67 +282,12 @@ def _frame_indices(observation: Observation) -> list[Int64s]:
 
 def between(observation: Observation, first: int, end: int) -> Observation:
     """What the frames from `first` up to, and without, `end` brought to an observation."""
-
-    def of(frame_index: Int64s) -> slice:
-        start, stop = np.searchsorted(frame_index, (first, end))
-        return slice(int(start), int(stop))
-
-    segment, flight = observation.segment, observation.flight
-    messages = of(segment.frame_index)
-    euler, quaternion = of(flight.euler_frame_index), of(flight.quaternion_frame_index)
-    pairs, imu, secondary = of(flight.pair_frame_index), flight.imu, flight.secondary
-    behind = of(secondary.frame_index)
-    pairs_of = _rows(flight.pairs, pairs)
-    # Of both, rows are counted among the samples of the batch that are valid.
-    attitudes_before = int(segment.valid_attitude[: messages.start].sum())
-    pairs_of = replace(pairs_of, completed_by=pairs_of.completed_by - attitudes_before)
-    steps = []
-    for step, frame_index, samples, part in zip(
-        flight.steps, flight.step_frame_index, (flight.euler, flight.quaternion), (euler, quaternion), strict=True
-    ):
-        some = _rows(step, of(frame_index))
-        steps.append(replace(some, row=some.row - int(samples.valid[: part.start].sum())))
-    sensed = slice(0, 0) if imu is None else of(imu.frame_index)
-    columns: dict[str, Any] = {
-        name: value[messages] for name, value in vars(segment).items() if isinstance(value, np.ndarray)
-    }
-    return Observation(
-        observation.vehicle,
-        replace(segment, **columns, euler=segment.euler[euler], quaternion=segment.quaternion[quaternion]),
-        pairs_of,
-        _rows(observation.disagreement, pairs),
-        replace(
-            flight,
-            euler=flight.euler[euler],
-            euler_frame_index=flight.euler_frame_index[euler],
-            quaternion=flight.quaternion[quaternion],
-            quaternion_frame_index=flight.quaternion_frame_index[quaternion],
-            pairs=pairs_of,
-            pair_frame_index=flight.pair_frame_index[pairs],
-            steps=(steps[0], steps[1]),
-            step_frame_index=(
-                flight.step_frame_index[0][of(flight.step_frame_index[0])],
-                flight.step_frame_index[1][of(flight.step_frame_index[1])],
-            ),
-            attitude=flight.attitude[of(flight.attitude.frame_index)],
-            imu=None if imu is None else ImuBatch(imu.samples[sensed], imu.frame_index[sensed]),
-            may_rest=flight.may_rest[sensed],
-            stands=flight.stands[sensed],
-            trim_b_rad=flight.trim_b_rad[sensed],
-            imu_with_attitude=flight.imu_with_attitude[of(flight.imu_with_attitude.frame_index)],
-            secondary=Ahrs2Batch(secondary.samples[behind], secondary.frame_index[behind], secondary.gap_us[behind]),
-            line=Timeline(*(column[messages] for column in flight.line)),
-            lost=flight.lost[messages],
-            received=flight.received[messages],
-            stream_changes=[turn for turn in flight.stream_changes if first <= turn.frame_index < end],
-            statements=[say for say in flight.statements if first <= say.frame_index < end],
-        ),
-        observation.corrected[euler],
-        tuple(notice for notice in observation.notices if first <= notice.frame_index < end),
+    return replace(
+        observation,
+        segment=observation.segment.frames(first, end),
+        pairs=observation.pairs.frames(first, end),
+        disagreement=observation.disagreement.frames(first, end),
+        flight=observation.flight.frames(first, end),
+        corrected=observation.corrected.frames(first, end),
+        notices=tuple(notice for notice in observation.notices if first <= notice.frame_index < end),
     )
-
-
-def _rows(of: _Rows, part: slice) -> _Rows:
-    """A part of the rows of a dataclass that holds arrays alone, one behind the other."""
-    columns: list[Any] = [getattr(of, column.name)[part] for column in fields(of)]  # type: ignore[arg-type]  # any dataclass
-    return type(of)(*columns)

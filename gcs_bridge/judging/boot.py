@@ -30,7 +30,7 @@ class Boot:
         self.diagnosis_cases = DiagnosisCases(settings)
         self.asked: dict[str, AlarmRecord] = {}  # alarms that stand, about which the doctor is asked
         self.imu = PrimaryImu()
-        self.imu_lookup = ImuLookup()
+        self.imu_lookup = ImuLookup(settings.alignment)
         self.alive = [False, False]  # the two streams
         self.no_compare_told = False
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from gcs_bridge import attitude
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Floats, Int64s, Mask
-from gcs_bridge.pairing.references import MAX_GAP_US, ImuWithAttitude
+from gcs_bridge.columns import Columns, Floats, Int64s, Mask, last_where
+from gcs_bridge.pairing.references import ImuWithAttitude
 
 
-@dataclass(frozen=True)
-class MotionSamples:
+@dataclass(frozen=True, kw_only=True)
+class MotionSamples(Columns):
     """The motion at n inertial samples, in order of time; NaN where it is not known.
 
     `t_boot_us`, `t_rx_us` (n,) of the sample, µs, −1 where the receive time is unknown;
@@ -42,9 +42,6 @@ class MotionSamples:
     apart_rad: Floats
     heading_rad: Floats
 
-    def __len__(self) -> int:
-        return len(self.t_boot_us)
-
 
 class MotionTracker:
     """The motion of one vehicle within one boot."""
@@ -58,7 +55,7 @@ class MotionTracker:
         self._worked_us = -1
         self._now_us = -1
         self._held: list[ImuWithAttitude] = []
-        self._latest_us = -MAX_GAP_US - 1
+        self._latest_us: int | None = None
         self._watch = attitude.RestWatch()
         self._reckoner = attitude.DeadReckoner()
         self._rested = False  # and no gap has come since
@@ -93,7 +90,7 @@ class MotionTracker:
         stands = seen.stands & attitude.may_stand_still(q_nb, f_b)
         resting = self._watch.feed(t_s, f_b, w_b, stands)
         reckoned = self._reckoner.feed(t_s, q_nb, f_b, resting)
-        unknown = ~self._since_rest(seen.t_boot_us, resting)
+        unknown = ~self._since_rest(seen, resting)
         for part in reckoned:
             part[unknown] = np.nan
         down_b = attitude.down_from_specific_force(f_b)
@@ -112,11 +109,12 @@ class MotionTracker:
             heading_rad=attitude.heading(q_nb),
         )
 
-    def _since_rest(self, t_us: Int64s, resting: Mask) -> Mask:
+    def _since_rest(self, seen: ImuWithAttitude, resting: Mask) -> Mask:
         """At which samples (n,) the motion is known: there was a rest, and no gap since."""
-        gap = np.diff(t_us, prepend=self._latest_us) > MAX_GAP_US
+        t_us = seen.t_boot_us
+        gap = np.diff(t_us, prepend=t_us[0] if self._latest_us is None else self._latest_us) > seen.max_gap_us
         decided = np.concatenate(([True], gap | resting))
-        last = np.maximum.accumulate(np.where(decided, np.arange(len(decided)), 0))
+        last = last_where(decided)
         known: Mask = np.concatenate(([self._rested], resting))[last][1:]
         self._latest_us, self._rested = int(t_us[-1]), bool(known[-1])
         return known

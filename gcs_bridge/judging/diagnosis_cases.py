@@ -32,7 +32,7 @@ _RESET_NEAR_US = 2_000_000
 _RESETS_KEPT_US = 120_000_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SentBatch:
     """What one batch brought of both streams within a boot.
 
@@ -40,12 +40,9 @@ class SentBatch:
     """
 
     euler: AttitudeSamples
-    euler_frame_index: Int64s
     corrected: Corrected
     quaternion: AttitudeSamples
-    quaternion_frame_index: Int64s
     pairs: Pairs
-    pair_frame_index: Int64s
     angle_rad: Floats
     bad: Mask
 
@@ -113,14 +110,14 @@ class DiagnosisCases:
         case = self._cases.get(name)
         if case is None or not self._kept:
             return
-        pairs, frame_indices = self._kept[-1].pairs, self._kept[-1].pair_frame_index
+        pairs = self._kept[-1].pairs
         latest = np.maximum.accumulate(pairs.t_boot_us)
         while case.again_us <= case.until_us:
             row = int(np.searchsorted(latest, case.again_us))
-            if row == len(latest) or (until_frame_index is not None and frame_indices[row] >= until_frame_index):
+            if row == len(latest) or (until_frame_index is not None and pairs.frame_index[row] >= until_frame_index):
                 return
             case.again_us = case.onset_us + 2 * (case.again_us - case.onset_us)
-            yield int(frame_indices[row]), int(latest[row])
+            yield int(pairs.frame_index[row]), int(latest[row])
 
     def ask(self, name: str, frame_index: int, t_boot_us: int, *, of_norm: bool) -> Answer:
         """What explains the disagreement, or the quaternions' norm, by all that came up to the frame `frame_index`."""
@@ -140,14 +137,11 @@ class DiagnosisCases:
         euler, quaternion = [no_attitudes(ATTITUDE)], [no_attitudes(ATTITUDE_QUATERNION)]
         origin: list[tuple[int, Int64s]] = []  # of the Euler samples: the batch kept, and their rows in it
         for index, sent in enumerate(self._kept):
-            for parts, samples, frame_indices in (
-                (euler, sent.euler, sent.euler_frame_index),
-                (quaternion, sent.quaternion, sent.quaternion_frame_index),
-            ):
+            for parts, samples in ((euler, sent.euler), (quaternion, sent.quaternion)):
                 inside = (
                     (samples.t_boot_us >= case.onset_us)
                     & (samples.t_boot_us <= until_us)
-                    & (frame_indices <= frame_index)
+                    & (samples.frame_index <= frame_index)
                 )
                 rows = np.flatnonzero(inside)
                 parts.append(samples[rows])
@@ -179,9 +173,10 @@ class DiagnosisCases:
 
     def _last_bad_us(self, onset_us: int, frame_index: int) -> int:
         """When both last disagreed, as of a frame: what came behind is no part of the disagreement."""
+        bad = ((sent.pairs, sent.bad) for sent in self._kept)
         bad_us = [
-            sent.pairs.t_boot_us[sent.bad & (sent.pair_frame_index <= frame_index) & (sent.pairs.t_boot_us >= onset_us)]
-            for sent in self._kept
+            pairs.t_boot_us[is_bad & (pairs.frame_index <= frame_index) & (pairs.t_boot_us >= onset_us)]
+            for pairs, is_bad in bad
         ]
         return max((int(times.max()) for times in bad_us if len(times)), default=onset_us + _LONGEST_US)
 

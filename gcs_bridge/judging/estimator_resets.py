@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from gcs_bridge import attitude
-from gcs_bridge.columns import Int64s
 from gcs_bridge.pairing.steps import Steps
 from gcs_bridge.telemetry.link_clock import LinkClock
 from gcs_bridge.telemetry.statements import FlagsSet, Statement, TextSaid
@@ -53,7 +52,7 @@ class Resets:
         self._alone: list[_Step | None] = [None, None]  # one that waits for the other stream's
         self._heard_us = [-_ALIVE_US, -_ALIVE_US]
 
-    def take(self, steps: tuple[Steps, Steps], frame_indices: tuple[Int64s, Int64s]) -> list[Reset]:
+    def take(self, steps: tuple[Steps, Steps]) -> list[Reset]:
         """Follow the next steps; return the resets that they complete."""
         events: list[tuple[int, int, int]] = []  # frame_index, stream, row: of steps at which something may happen
         for k in (0, 1):
@@ -62,24 +61,23 @@ class Resets:
             near[1:] |= denied[:-1]
             if len(near):
                 near[0] |= self._last_denied[k] or self._open[k] is not None
-            events += [(int(frame_indices[k][row]), k, row) for row in np.flatnonzero(near).tolist()]
+            events += [(int(steps[k].frame_index[row]), k, row) for row in np.flatnonzero(near).tolist()]
         resets = []
         for frame_index, k, row in sorted(events):
-            resets += self._step(
-                k, steps[k], row, frame_index, self._heard(1 - k, steps[1 - k], frame_indices[1 - k], frame_index)
-            )
+            resets += self._step(k, steps[k], row, self._heard(1 - k, steps[1 - k], frame_index))
         for k in (0, 1):
             if len(steps[k]):
                 self._heard_us[k] = int(steps[k].t1_us[-1])
                 self._last_denied[k] = bool(steps[k].contradicts_rates[-1])
         return resets
 
-    def _heard(self, k: int, steps: Steps, frame_indices: Int64s, frame_index: int) -> int:
+    def _heard(self, k: int, steps: Steps, frame_index: int) -> int:
         """When stream `k` was last heard, as of a frame."""
-        row = int(np.searchsorted(frame_indices, frame_index, side="right")) - 1
+        row = int(np.searchsorted(steps.frame_index, frame_index, side="right")) - 1
         return int(steps.t1_us[row]) if row >= 0 else self._heard_us[k]
 
-    def _step(self, k: int, steps: Steps, row: int, frame_index: int, other_heard_us: int) -> list[Reset]:
+    def _step(self, k: int, steps: Steps, row: int, other_heard_us: int) -> list[Reset]:
+        frame_index = int(steps.frame_index[row])
         before = self._last_denied[k] if row == 0 else bool(steps.contradicts_rates[row - 1])
         if steps.contradicts_rates[row]:
             self._open[k] = None

@@ -14,11 +14,11 @@ from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event, Notice
 from gcs_bridge.judging.link import Datagram, FrameObserver, Link, events_of
 from gcs_bridge.judging.observation import Observer
-from gcs_bridge.judging.vehicle import STREAMS
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
 from gcs_bridge.mavlink.scanner import Scanner
 from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings, load_settings
+from gcs_bridge.telemetry.samples import STREAMS
 
 _RECORDING = "recording"
 

@@ -14,7 +14,7 @@ from gcs_bridge.telemetry.batches import BootSegment
 from gcs_bridge.telemetry.identity import VehicleId
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Observation:
     """What one batch showed of a vehicle: its samples, the pairs they made, the disagreement of each pair, and all
     that its checks were given; how the Euler angles were corrected, and what was told of alarms in consequence.

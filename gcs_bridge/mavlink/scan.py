@@ -92,7 +92,8 @@ CRC_TABLES = _crc_tables()
 
 
 @helper
-def _crc(buf, start, stop, crc):  # type: ignore[no-untyped-def]  # typed by numba
+def crc_of(buf, start, stop, crc):  # type: ignore[no-untyped-def]  # typed by numba
+    """The checksum `crc` gone on over the bytes from `start` up to, and without, `stop`."""
     t = CRC_TABLES
     i = start
     while stop - i >= 8:
@@ -107,14 +108,9 @@ def _crc(buf, start, stop, crc):  # type: ignore[no-untyped-def]  # typed by num
 
 
 @helper
-def _crc_byte(crc, byte):  # type: ignore[no-untyped-def]  # typed by numba
+def crc_with_byte(crc, byte):  # type: ignore[no-untyped-def]  # typed by numba
+    """The checksum `crc` gone on over one more byte."""
     return (crc >> 8) ^ np.int64(CRC_TABLES[0, (crc ^ byte) & 0xFF])
-
-
-@kernel
-def frame_crc(buf: Bytes, start: int, stop: int, crc_extra: int) -> int:
-    """The checksum of a frame whose header behind the magic byte starts at `start` and whose payload ends at `stop`."""
-    return _crc_byte(_crc(buf, start, stop, np.int64(0xFFFF)), np.int64(crc_extra))  # type: ignore[no-any-return]
 
 
 @helper
@@ -158,7 +154,7 @@ def _look(buf, at, n, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # 
     if row < 0:
         return _UNKNOWN, header, whole, msgid
     end = at + header + np.int64(buf[at + 1])
-    crc = _crc_byte(_crc(buf, at + 1, end, np.int64(0xFFFF)), np.int64(crc_extra[row]))
+    crc = crc_with_byte(crc_of(buf, at + 1, end, np.int64(0xFFFF)), np.int64(crc_extra[row]))
     if crc == _integer(buf, end, 2):
         return (_UNKNOWN if flags & ~_SIGNED else _GOOD), header, whole, msgid
     return _BAD_CRC, header, whole, msgid
@@ -182,11 +178,11 @@ def _zero_padded(buf, at, header, msgid, row_of_id, crc_extra, field_end, anywhe
             break
         if field_end[row, padded] == WITHIN and not anywhere:
             continue
-        crc = _crc_byte(np.int64(0xFFFF), np.int64(padded))  # the length byte counts too
-        crc = _crc(buf, at + 2, end, crc)
+        crc = crc_with_byte(np.int64(0xFFFF), np.int64(padded))  # the length byte counts too
+        crc = crc_of(buf, at + 2, end, crc)
         for _ in range(padded - length):
-            crc = _crc_byte(crc, np.int64(0))
-        crc = _crc_byte(crc, np.int64(crc_extra[row]))
+            crc = crc_with_byte(crc, np.int64(0))
+        crc = crc_with_byte(crc, np.int64(crc_extra[row]))
         if crc == sent:
             return True
     return False

@@ -15,7 +15,7 @@ from gcs_bridge.jit import helper, kernel
 
 EULER, QUATERNION = 0, 1  # the two streams
 RING = 1024  # samples of each stream that can still find a partner; a power of two
-_LAST = RING - 1
+_FIRST_ROOM = 16  # samples that there is room for at first: many components send no more
 _BLOCK = 32  # sample intervals behind each estimate of a stream's period
 _FIRST_BLOCK = 8
 _FASTER = 1.25  # ratio of periods from which a stream counts as the slower one
@@ -42,22 +42,50 @@ class MatchState(NamedTuple):
 
     of: Int64s  # (2, 8) counters, see above
     slower: Int64s  # (1,)
-    time: Int64s  # (2, RING) by position
-    paired: Int64s  # (2, RING) by position: 0, or how it was paired
-    ordered: Int64s  # (2, RING) positions whose time is later than all before
-    waiting: Int64s  # (2, RING) positions that wait for a partner
+    time: Int64s  # (2, room) by position; the room is a power of two and grows up to RING
+    paired: Int64s  # (2, room) by position: 0, or how it was paired
+    ordered: Int64s  # (2, room) positions whose time is later than all before
+    waiting: Int64s  # (2, room) positions that wait for a partner
     interval: Int64s  # (2, _BLOCK)
+
+    @property
+    def n_waiting(self) -> int:
+        """How many samples wait for a partner."""
+        return int(self.of[:, _WAITING].sum())
+
+    def with_room(self, more: int) -> MatchState:
+        """The same with room for `more` samples of each stream, or for as many as can still find a partner."""
+        room = self.time.shape[1]
+        needed = min(int(self.of[:, _COUNT].max()) + more, RING)
+        if room >= needed:
+            return self
+        room = max(_FIRST_ROOM, 1 << (needed - 1).bit_length())
+        # As long as there is room for all, a position is its place too.
+        rings = {name: _rings(room, getattr(self, name)) for name in ("time", "paired", "ordered", "waiting")}
+        return self._replace(**rings)
+
+
+def _rings(room: int, filled: Int64s) -> Int64s:
+    """A ring a stream (2, room), filled so far as `filled`."""
+    rings = np.zeros((2, room), np.int64)
+    rings[:, : filled.shape[1]] = filled
+    return rings
 
 
 def new_match_state() -> MatchState:
     """Before a boot's first sample."""
-
-    def ring(size: int) -> Int64s:
-        return np.zeros((2, size), np.int64)
-
-    state = MatchState(ring(8), np.full(1, UNKNOWN), ring(RING), ring(RING), ring(RING), ring(RING), ring(_BLOCK))
-    state.of[:, [_LATEST, _PERIOD, _RX_PERIOD]] = UNKNOWN
-    return state
+    none = np.empty((2, 0), np.int64)
+    of = np.zeros((2, 8), np.int64)
+    of[:, [_LATEST, _PERIOD, _RX_PERIOD]] = UNKNOWN
+    return MatchState(
+        of=of,
+        slower=np.full(1, UNKNOWN),
+        time=none,
+        paired=none,
+        ordered=none,
+        waiting=none,
+        interval=np.zeros((2, _BLOCK), np.int64),
+    )
 
 
 # Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
@@ -115,12 +143,13 @@ def _same_instant(state, k, t):  # type: ignore[no-untyped-def]  # typed by numb
 
     One that was compared with its neighbours while its partner was overtaken still does.
     """
+    last = state.time.shape[1] - 1
     if state.of[k, _LATEST] < t:
         return UNKNOWN
     count = state.of[k, _COUNT]
     for position in range(count - 1, max(count - RING, 0) - 1, -1):
-        time = state.time[k, position & _LAST]
-        if time == t and state.paired[k, position & _LAST] != _SAME_INSTANT:
+        time = state.time[k, position & last]
+        if time == t and state.paired[k, position & last] != _SAME_INSTANT:
             return position
         if time < t - _LATE_US:
             break
@@ -130,9 +159,10 @@ def _same_instant(state, k, t):  # type: ignore[no-untyped-def]  # typed by numb
 @helper
 def _ordered_after(state, k, t):  # type: ignore[no-untyped-def]  # typed by numba
     """Index in `ordered` of the first sample of stream `k` behind `t`; the one before it is at or before `t`."""
+    last = state.time.shape[1] - 1
     n = state.of[k, _ORDERED]
     index = n
-    while index > max(n - RING, 0) and state.time[k, state.ordered[k, (index - 1) & _LAST] & _LAST] > t:
+    while index > max(n - RING, 0) and state.time[k, state.ordered[k, (index - 1) & last] & last] > t:
         index -= 1
     return index
 
@@ -143,14 +173,15 @@ def _stands_for(state, slower, position, max_gap_us):  # type: ignore[no-untyped
 
     0 for one that came late: the one behind it stands for its time already.
     """
+    last = state.time.shape[1] - 1
     k = QUATERNION if slower == UNKNOWN else slower
-    t = state.time[k, position & _LAST]
+    t = state.time[k, position & last]
     index = _ordered_after(state, k, t) - 1
     if index - 1 < max(state.of[k, _ORDERED] - RING, 0):
         return np.int64(0)
-    if state.ordered[k, index & _LAST] != position:
+    if state.ordered[k, index & last] != position:
         return np.int64(0)
-    since = t - state.time[k, state.ordered[k, (index - 1) & _LAST] & _LAST]
+    since = t - state.time[k, state.ordered[k, (index - 1) & last] & last]
     period = state.of[k, _PERIOD]
     return min(since, 3 * period if period != UNKNOWN else max_gap_us)
 
@@ -158,13 +189,14 @@ def _stands_for(state, slower, position, max_gap_us):  # type: ignore[no-untyped
 @helper
 def _pair_waiting(state, k, completed_by, max_gap_us, matches, n):  # type: ignore[no-untyped-def]  # typed by numba
     """Pair the waiting samples of the slower stream `k` that the other stream has by now passed."""
+    last = state.time.shape[1] - 1
     other = 1 - k
     left = 0
     for i in range(state.of[k, _WAITING]):
         position = state.waiting[k, i]
-        if state.of[k, _COUNT] - position >= RING or state.paired[k, position & _LAST]:
+        if state.of[k, _COUNT] - position >= RING or state.paired[k, position & last]:
             continue
-        t = state.time[k, position & _LAST]
+        t = state.time[k, position & last]
         if t >= state.of[other, _LATEST]:
             state.waiting[k, left] = position
             left += 1
@@ -172,12 +204,12 @@ def _pair_waiting(state, k, completed_by, max_gap_us, matches, n):  # type: igno
         index = _ordered_after(state, other, t)
         if index - 1 < max(state.of[other, _ORDERED] - RING, 0):
             continue
-        before = state.ordered[other, (index - 1) & _LAST]
-        after = state.ordered[other, index & _LAST]
-        gap = state.time[other, after & _LAST] - state.time[other, before & _LAST]
+        before = state.ordered[other, (index - 1) & last]
+        after = state.ordered[other, index & last]
+        gap = state.time[other, after & last] - state.time[other, before & last]
         if state.of[other, _COUNT] - before >= RING or gap > max_gap_us:
             continue
-        state.paired[k, position & _LAST] = _INTERPOLATED
+        state.paired[k, position & last] = _INTERPOLATED
         match = matches[n]
         match.completed_by, match.slower, match.same = completed_by, k, 0
         match.sample, match.before, match.after = position, before, after
@@ -192,29 +224,32 @@ def match_kernel(
     stream: Int64s, t_us: Int64s, t_rx_us: Int64s, max_gap_us: int, state: MatchState, matches: npt.NDArray[np.void],
     periods: Int64s,
 ) -> int:  # fmt: skip
-    """Find the pairs that each sample completes, in order of arrival; fill `matches` and `periods`, return how many."""
-    n = 0
+    """Find the pairs that each sample completes, in order of arrival; fill `matches` and `periods`, return how many.
+
+    There must be room in `state` for as many samples of each stream.
+    """
+    n, last = 0, state.time.shape[1] - 1
     for i in range(stream.size):
         k = stream[i]
         other = 1 - k
         t = t_us[i]
         position = state.of[k, _COUNT]
-        state.time[k, position & _LAST] = t
-        state.paired[k, position & _LAST] = 0
+        state.time[k, position & last] = t
+        state.paired[k, position & last] = 0
         state.of[k, _COUNT] += 1
         in_order = t > state.of[k, _LATEST]
         if in_order:
             _follow_period(state, k, t, t_rx_us[i])
             _decide_slower(state)
-            state.ordered[k, state.of[k, _ORDERED] & _LAST] = position
+            state.ordered[k, state.of[k, _ORDERED] & last] = position
             state.of[k, _ORDERED] += 1
             state.of[k, _LATEST] = t
         slower = state.slower[0]
         partner = _same_instant(state, other, t)
         if partner != UNKNOWN:
-            was_judged = state.paired[other, partner & _LAST]
-            state.paired[k, position & _LAST] = _SAME_INSTANT
-            state.paired[other, partner & _LAST] = _SAME_INSTANT
+            was_judged = state.paired[other, partner & last]
+            state.paired[k, position & last] = _SAME_INSTANT
+            state.paired[other, partner & last] = _SAME_INSTANT
             match = matches[n]
             match.completed_by, match.same = i, 1
             match.slower = QUATERNION if slower == UNKNOWN else slower

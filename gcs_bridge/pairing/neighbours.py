@@ -7,43 +7,39 @@ on how the streams were cut into batches.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from gcs_bridge.columns import Floats, Int64s
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, running_max
 
 _LATE_US = 1_000_000  # a query this much older than the series, when it comes, is not answered
 _PENDING = 1024  # queries that can wait
+NumbersT = TypeVar("NumbersT", Int64s, Floats)
 
 
-@dataclass(frozen=True)
-class Track:
-    """n samples in order of arrival: `t_us` (n,), `frame_index` (n,) of their frames, `rows` (n, k) what they hold."""
+def first_at_or_behind(t: NumbersT, series: NumbersT, within: float = 0) -> tuple[Int64s, Mask]:
+    """Where in a series (k,) of increasing times the first one is that is not before `t` (n,); k: there is none.
+
+    And whether it is of the same instant (n,): not further away than `within`, which may be before `t` too.
+    """
+    at = np.searchsorted(series, t - within if within else t)
+    same = at < len(series)
+    same[same] = np.abs(series[at[same]] - t[same]) <= within
+    return at, same
+
+
+@dataclass(frozen=True, kw_only=True)
+class Track(FrameColumns):
+    """n samples in order of arrival: `t_us` (n,) since boot, `rows` (n, k) what they hold."""
 
     t_us: Int64s
-    frame_index: Int64s
     rows: Floats
-
-    def __len__(self) -> int:
-        return len(self.t_us)
-
-    def __getitem__(self, picked: Any) -> Track:
-        """The samples of a slice, mask or index array."""
-        return Track(self.t_us[picked], self.frame_index[picked], self.rows[picked])
-
-    def then(self, other: Track) -> Track:
-        """These samples, and `other` behind them."""
-        return Track(
-            np.concatenate((self.t_us, other.t_us)),
-            np.concatenate((self.frame_index, other.frame_index)),
-            np.concatenate((self.rows, other.rows)),
-        )
 
 
 def no_track(width: int) -> Track:
     """A track without samples, with rows of `width`."""
-    return Track(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, width)))
+    return Track(frame_index=np.empty(0, np.int64), t_us=np.empty(0, np.int64), rows=np.empty((0, width)))
 
 
 class Answers(NamedTuple):
@@ -82,20 +78,18 @@ class Lookup:
     def feed(self, series: Track, queries: Track) -> Answers:
         """Take what came of both streams; return the queries that can be answered now."""
         past = int(self._series.t_us[-1]) if len(self._series) else -1
-        latest = np.maximum.accumulate(np.concatenate(([past], series.t_us)))
-        held = self._series.then(series[series.t_us > latest[:-1]])  # what comes late is nobody's neighbour
+        held = self._series.then(series[in_order(series.t_us, past)])  # what comes late is nobody's neighbour
         at_arrival = np.searchsorted(held.frame_index, queries.frame_index) - 1
         known = at_arrival >= 0
         on_time = ~known
         on_time[known] = held.t_us[at_arrival[known]] - queries.t_us[known] <= _LATE_US
-        waiting = self._pending.then(queries if on_time.all() else queries[on_time])
-        behind = np.searchsorted(held.t_us, waiting.t_us)
+        waiting = self._pending.then(queries.where(on_time))
+        behind, exact = first_at_or_behind(waiting.t_us, held.t_us)
         self._pending = waiting[behind == len(held)][-_PENDING:]
         at = np.flatnonzero(behind < len(held))
-        t_us, asked, behind = waiting.t_us[at], waiting.frame_index[at], behind[at]
+        asked, behind, exact = waiting.frame_index[at], behind[at], exact[at]
         before = np.maximum(behind - 1, 0)
         near = (held.t_us[behind] - held.t_us[before] <= self._max_gap_us) & (behind > 0)
-        exact = held.t_us[behind] == t_us
         before[exact & ~near] = behind[exact & ~near]
         frame_index = np.maximum(asked, held.frame_index[behind])
         order = np.flatnonzero(near | exact)
@@ -110,5 +104,4 @@ class Lookup:
 
 def in_order(t_us: Int64s, latest_us: int) -> Int64s:
     """The rows of samples that are later than all before them."""
-    latest = np.maximum.accumulate(np.concatenate(([latest_us], t_us)))
-    return np.flatnonzero(t_us > latest[:-1])
+    return np.flatnonzero(t_us > running_max(t_us, latest_us)[:-1])

@@ -17,19 +17,19 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, Ring
 from gcs_bridge.pairing.bounds import interpolation_bound_rad, length
-from gcs_bridge.pairing.kernel import _WAITING, EULER, MATCH, QUATERNION, match_kernel, new_match_state
-from gcs_bridge.pairing.steps import NO_STEPS, RecentSamples, Steps
+from gcs_bridge.pairing.kernel import EULER, MATCH, QUATERNION, match_kernel, new_match_state
+from gcs_bridge.pairing.steps import NO_STEPS, RecentSamples, Steps, StreamSteps
 from gcs_bridge.settings import AlignmentSettings, ResetSettings
 from gcs_bridge.telemetry.samples import AttitudeSamples
 
 
-@dataclass(frozen=True)
-class Pairs:
+@dataclass(frozen=True, kw_only=True)
+class Pairs(FrameColumns):
     """n pairs of attitudes at one instant each, in the order in which they were completed.
 
-    `t_boot_us` (n,); `completed_by` (n,) index in the batch of the completing sample; `same_instant` (n,);
+    `t_boot_us` (n,); `frame_index`, `t_rx_us` (n,) of the sample that completed it; `same_instant` (n,);
     `q_euler`, `q_quaternion` (n, 4) unit [w, x, y, z], FRD to NED, `q_euler_sent` (n, 4) with the differences that are
     expected still in it; `w_nb_b_rad_s` (n, 3) body rates at that instant; `w_differs_b_rad_s` (n, 3) the quaternion's
     rates minus the Euler angles', NaN where the instants differ or rates are not reported, and `unsteady_rad_s` (n,)
@@ -41,7 +41,7 @@ class Pairs:
     """
 
     t_boot_us: Int64s
-    completed_by: Int64s
+    t_rx_us: Int64s
     same_instant: Mask
     q_euler: Floats
     q_quaternion: Floats
@@ -54,11 +54,8 @@ class Pairs:
     interval_id: Int64s
     duration_us: Int64s
 
-    def __len__(self) -> int:
-        return len(self.t_boot_us)
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Aligned:
     """A batch's pairs and steps, and per sample its stream's period by then, in boot and receive time (µs, −1)."""
 
@@ -74,9 +71,8 @@ class Aligner:
     def __init__(self, alignment: AlignmentSettings, reset: ResetSettings) -> None:
         """Start before a boot's first sample."""
         self._alignment = alignment
-        self._reset = reset
         self._state = new_match_state()
-        self._recent = (RecentSamples(), RecentSamples())
+        self._streams = (StreamSteps(reset), StreamSteps(reset))
 
     def pair(
         self,
@@ -87,46 +83,51 @@ class Aligner:
     ) -> Aligned:
         """The pairs that these samples complete.
 
-        `order` (n,) sorts the two streams' samples, ATTITUDE's first, into their order of arrival; the batch's index
-        is the place in that order. `q_euler_sent` are ATTITUDE's own, where `euler` differs from them.
+        `order` (n,) sorts the two streams' samples, ATTITUDE's first, into their order of arrival, in which periods are
+        returned too. `q_euler_sent` are ATTITUDE's own, where `euler` differs from them.
         """
         stream = np.repeat(np.array([EULER, QUATERNION]), [len(euler), len(quaternion)])[order]
         t_us = np.concatenate((euler.t_boot_us, quaternion.t_boot_us))[order]
         t_rx_us = np.concatenate((euler.t_rx_us, quaternion.t_rx_us))[order]
         steps = [NO_STEPS, NO_STEPS]
-        for k, (recent, samples) in enumerate(zip(self._recent, (euler, quaternion), strict=True)):
+        for k, (stream_steps, samples) in enumerate(zip(self._streams, (euler, quaternion), strict=True)):
             if len(samples):
                 q = attitude.normalise(samples.q_nb)
                 with np.errstate(invalid="ignore"):  # rates that are no numbers: they explain no step
                     sent = q_euler_sent if k == EULER else None
-                    steps[k] = recent.append(samples.t_boot_us, q, samples.w_nb_b_rad_s, self._reset, sent)
-        waiting = int(self._state.of[:, _WAITING].sum())
-        matches = np.empty(len(stream) + waiting + 1, MATCH)
+                    steps[k] = stream_steps.append(samples, q, sent)
+        self._state = self._state.with_room(len(stream))
+        matches = np.empty(len(stream) + self._state.n_waiting + 1, MATCH)
         periods = np.empty((len(stream), 2), np.int64)
-        max_gap_us = round(self._alignment.max_gap_s * 1e6)
-        n = match_kernel(stream, t_us, t_rx_us, max_gap_us, self._state, matches, periods)
+        n = match_kernel(stream, t_us, t_rx_us, self._alignment.max_gap_us, self._state, matches, periods)
         with np.errstate(invalid="ignore"):  # rates that are no numbers: the bound is none then
-            pairs = self._evaluated(matches[:n])
-        return Aligned(pairs, periods[:, 0], periods[:, 1], (steps[0], steps[1]))
+            by = matches["completed_by"][:n]
+            frame_index = np.concatenate((euler.frame_index, quaternion.frame_index))[order]
+            pairs = self._evaluated(matches[:n], frame_index[by], t_rx_us[by])
+        return Aligned(
+            pairs=pairs, period_us=periods[:, 0], rx_period_us=periods[:, 1], steps=(steps[EULER], steps[QUATERNION])
+        )
 
-    def _evaluated(self, matches: npt.NDArray[np.void]) -> Pairs:
+    def _evaluated(self, matches: npt.NDArray[np.void], frame_index: Int64s, t_rx_us: Int64s) -> Pairs:
         """The matched samples as pairs, the faster stream interpolated where the instants differ."""
         n = len(matches)
         q_euler = np.empty((n, 4))
+        as_sent = self._streams[EULER].recent.rows.applied_correction is None
         pairs = Pairs(
-            np.empty(n, np.int64),
-            matches["completed_by"].copy(),
-            matches["same"] == 1,
-            q_euler,
-            np.empty((n, 4)),
-            q_euler if self._recent[EULER].applied_correction is None else np.empty((n, 4)),
-            np.empty((n, 3)),
-            np.full((n, 3), np.nan),
-            np.full(n, np.nan),
-            np.full(n, self._alignment.same_instant_bound_rad),
-            np.zeros(n, np.bool_),
-            np.where(matches["same"] == 1, -1, matches["after"]),
-            matches["duration_us"].copy(),
+            frame_index=frame_index,
+            t_boot_us=np.empty(n, np.int64),
+            t_rx_us=t_rx_us,
+            same_instant=matches["same"] == 1,
+            q_euler=q_euler,
+            q_quaternion=np.empty((n, 4)),
+            q_euler_sent=q_euler if as_sent else np.empty((n, 4)),
+            w_nb_b_rad_s=np.empty((n, 3)),
+            w_differs_b_rad_s=np.full((n, 3), np.nan),
+            unsteady_rad_s=np.full(n, np.nan),
+            bound_rad=np.full(n, self._alignment.same_instant_bound_rad),
+            after_reset=np.zeros(n, np.bool_),
+            interval_id=np.where(matches["same"] == 1, -1, matches["after"]),
+            duration_us=matches["duration_us"].copy(),
         )
         for slower in (EULER, QUATERNION):
             for same in (True, False):
@@ -136,9 +137,10 @@ class Aligner:
         return pairs
 
     def _evaluate(self, pairs: Pairs, rows: Int64s, matches: npt.NDArray[np.void], slower: int, same: bool) -> None:
-        slow, fast = self._recent[slower], self._recent[1 - slower]
-        at = matches["sample"] - slow.first
-        before, after = matches["before"] - fast.first, matches["after"] - fast.first
+        rings: list[Ring[RecentSamples]] = [self._streams[k].recent for k in (slower, 1 - slower)]
+        slow, fast = (ring.rows for ring in rings)
+        at = matches["sample"] - rings[0].first
+        before, after = matches["before"] - rings[1].first, matches["after"] - rings[1].first
         q_of = (pairs.q_euler, pairs.q_quaternion)
         pairs.t_boot_us[rows] = slow.t_us[at]
         q_of[slower][rows] = slow.q[at]
@@ -173,6 +175,6 @@ class Aligner:
 
     def _resend(self, pairs: Pairs, rows: Int64s, at: Int64s) -> None:
         """Put back into the Euler side what was expected of its sample `at`."""
-        applied_correction = self._recent[EULER].applied_correction
+        applied_correction = self._streams[EULER].recent.rows.applied_correction
         if applied_correction is not None:
             pairs.q_euler_sent[rows] = attitude.multiply(pairs.q_euler[rows], applied_correction[at])

@@ -12,9 +12,10 @@ import numpy.typing as npt
 
 from gcs_bridge.diagnosis.causes import Cause, Value
 from gcs_bridge.errors import SourceError, UsageError
+from gcs_bridge.mavlink.checksum import frame_crc
 from gcs_bridge.mavlink.decode import decode
 from gcs_bridge.mavlink.dialect import Dialect, Message
-from gcs_bridge.mavlink.scan import Bytes, Frames, frame_crc
+from gcs_bridge.mavlink.scan import Bytes, Frames
 from gcs_bridge.mavlink.scanner import Scanner
 
 # --- what may be touched -------------------------------------------------------------------------------------------

@@ -96,7 +96,7 @@ class _Gathered:
         self._attitude += [segment.euler for segment in batch.segments]
         self._quaternion += [segment.quaternion for segment in batch.segments]
         for name, inertial in batch.imu.items():
-            self._imu.setdefault(name, []).append(inertial.samples)
+            self._imu.setdefault(name, []).append(inertial)
 
     def samples(self) -> VehicleSamples:
         return VehicleSamples(

@@ -7,17 +7,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import SourceError, UsageError
 from gcs_bridge.jit import needs_compiling
 from gcs_bridge.judging.monitor import open_dialect
-from gcs_bridge.mavlink.decode import gather
 from gcs_bridge.mavlink.dialect import Dialect
-from gcs_bridge.mavlink.scan import scan_kernel
 from gcs_bridge.mavlink.scanner import Scanner
-from gcs_bridge.pairing.kernel import match_kernel
 
 _CHUNK = 3 * 2**19  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
 _PROBE = 2**18  # bytes by which a recording is told from a stream without times
@@ -63,13 +60,13 @@ class Source:
 def open_telemetry(path: Path, dialect: str, *, judged: bool) -> Iterator[Source]:
     """The recording of a link, open; SourceError where it cannot be used, also later while it is read."""
     with opened(path) as file:
-        announce_compiling(scan_kernel, *([gather, match_kernel] if judged else []))
+        announce_compiling("gcs_bridge" if judged else "gcs_bridge.mavlink")
         yield Source(file, path, start_us_of(file, open_dialect(dialect), path))
 
 
-def announce_compiling(*kernels: Any) -> None:
-    """Say before the wait that the kernels are compiled now: it happens once on a machine, and takes seconds."""
-    if needs_compiling(*kernels):
+def announce_compiling(package: str) -> None:
+    """Say before the wait that a package's kernels are compiled: it happens once on a machine, and takes seconds."""
+    if needs_compiling(package):
         sys.stderr.write("gcs-bridge: compiling its kernels, once on this machine (some seconds)\n")
         sys.stderr.flush()
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask
 from gcs_bridge.telemetry.clocks import ClockChange
 from gcs_bridge.telemetry.samples import (
     ATTITUDE,
     ATTITUDE_QUATERNION,
+    Ahrs2Samples,
     AttitudeSamples,
     ImuSamples,
     no_attitudes,
@@ -22,8 +23,8 @@ from gcs_bridge.telemetry.statements import Statement
 TIMED = (ATTITUDE, ATTITUDE_QUATERNION, "SYSTEM_TIME", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
 
 
-@dataclass(frozen=True)
-class BootSegment:
+@dataclass(frozen=True, kw_only=True)
+class BootSegment(FrameColumns):
     """What one batch brought of one vehicle within one boot.
 
     n messages with a believed boot time, in order of arrival: `message` (n,) index into TIMED, `t_boot_us`, `t_rx_us`,
@@ -35,11 +36,15 @@ class BootSegment:
     message: Int64s
     t_boot_us: Int64s
     t_rx_us: Int64s
-    frame_index: Int64s
     lost: Int64s
     received: Int64s
     euler: AttitudeSamples
     quaternion: AttitudeSamples
+
+    def frames(self, first: int, end: int) -> Self:
+        """What the frames from `first` up to, and without, `end` brought."""
+        euler, quaternion = (samples.frames(first, end) for samples in (self.euler, self.quaternion))
+        return replace(super().frames(first, end), euler=euler, quaternion=quaternion)
 
     @property
     def attitude(self) -> Mask:
@@ -57,8 +62,17 @@ class BootSegment:
 def no_segment(boot: int) -> BootSegment:
     """A segment without messages."""
     none = np.empty(0, np.int64)
-    attitudes = no_attitudes(ATTITUDE), no_attitudes(ATTITUDE_QUATERNION)
-    return BootSegment(boot, none, none, none, none, none, none, *attitudes)
+    return BootSegment(
+        boot=boot,
+        message=none,
+        frame_index=none,
+        t_boot_us=none,
+        t_rx_us=none,
+        lost=none,
+        received=none,
+        euler=no_attitudes(ATTITUDE),
+        quaternion=no_attitudes(ATTITUDE_QUATERNION),
+    )
 
 
 class ClockNotice(NamedTuple):
@@ -69,32 +83,14 @@ class ClockNotice(NamedTuple):
     t_rx_us: int
 
 
-class ImuBatch(NamedTuple):
-    """IMU samples, n, and the indices (n,) of their frames."""
+@dataclass(frozen=True, kw_only=True)
+class VelocityChange(FrameColumns):
+    """LOCAL_POSITION_NED, n: how fast the velocity changed since the one before, m/s² (n,)."""
 
-    samples: ImuSamples
-    frame_index: Int64s
-
-
-class Ahrs2Batch(NamedTuple):
-    """Attitudes of the second estimate, n, whose time lies between the timed messages on both sides of them.
-
-    `frame_index` (n,) of the frame behind, by which the time was known; `gap_us` (n,) between the two.
-    """
-
-    samples: AttitudeSamples
-    frame_index: Int64s
-    gap_us: Int64s
-
-
-class VelocityChange(NamedTuple):
-    """LOCAL_POSITION_NED, n: `frame_index` (n,) and how fast the velocity changed since the one before, m/s² (n,)."""
-
-    frame_index: Int64s
     acceleration_m_s2: Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class VehicleBatch:
     """What one batch brought of one vehicle: its boots in turn, clock changes, what it said of itself.
 
@@ -106,7 +102,7 @@ class VehicleBatch:
     segments: list[BootSegment]
     clock_changes: list[ClockNotice]
     counted: dict[str, Int64s]
-    imu: dict[str, ImuBatch]
-    secondary: Ahrs2Batch
+    imu: dict[str, ImuSamples]
+    secondary: Ahrs2Samples
     statements: list[Statement]
     motion: VelocityChange

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.columns import Int64s, Mask
+from gcs_bridge.columns import Int64s, Mask, RunningMax, running_max
 
 WRAP_US = 2**32 * 1000
 REORDER_US = 6_000_000  # seen: 4.7 s in a recording that is otherwise good
@@ -109,7 +109,7 @@ class BootClock:
         if self._doubted_us is not None:
             return np.empty(0, np.int64)
         t = time_boot_ms.astype(np.int64) * 1000 + self._epoch_us
-        latest = np.maximum.accumulate(np.concatenate((t[:1] if self.latest_us is None else [self.latest_us], t)))[:-1]
+        latest = running_max(t, t[0] if self.latest_us is None else self.latest_us)[:-1] if len(t) else t
         step = t - latest
         silence = np.diff(t_rx_us, prepend=self._rx_us)
         restart = (step < -YOUNG_REORDER_US) & (latest < YOUNG_US) & (silence >= RESTART_SILENCE_US)
@@ -156,18 +156,14 @@ class OffsetClock:
     def __init__(self) -> None:
         """Start with no message."""
         self._same: bool | None = None
-        self._offset_us = np.iinfo(np.int64).max
+        self._ahead_us = RunningMax()  # of the boot clock
 
     def map(self, t_us: Int64s, latest_us: Int64s) -> Int64s:
         """Boot times (n,), µs, of messages at `t_us` (n,) on their clock, when the boot clock said `latest_us` (n,)."""
-        offset = t_us - latest_us
-        if self._same is None and len(offset):
-            self._same = abs(int(offset[0])) < SAME_CLOCK_US
-        if self._same:
-            return t_us
-        least = np.minimum.accumulate(np.concatenate(([self._offset_us], offset)))[1:]
-        self._offset_us = int(least[-1]) if len(least) else self._offset_us
-        return t_us - least
+        ahead_us = latest_us - t_us
+        if self._same is None and len(ahead_us):
+            self._same = abs(int(ahead_us[0])) < SAME_CLOCK_US
+        return t_us if self._same else np.asarray(t_us + self._ahead_us.feed(ahead_us)[1:])
 
 
 SAME_CLOCK_US = 1_000_000

@@ -7,23 +7,22 @@ radios, gimbals and companions tell by their heartbeat that they are none.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from heapq import merge
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.columns import Floats, Int64s, Mask, Records
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, Records
 from gcs_bridge.mavlink.decode import decode
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
 from gcs_bridge.settings import VehicleSettings
 from gcs_bridge.telemetry.batches import (
     TIMED,
-    Ahrs2Batch,
     BootSegment,
     ClockNotice,
-    ImuBatch,
     VehicleBatch,
     VelocityChange,
 )
@@ -33,7 +32,9 @@ from gcs_bridge.telemetry.imu_units import UnitResolver
 from gcs_bridge.telemetry.samples import (
     AHRS2,
     IMU_MESSAGES,
+    Ahrs2Samples,
     ImuSamples,
+    Stamps,
     attitude_quaternion_samples,
     attitude_samples,
     clock_us,
@@ -51,14 +52,14 @@ _FLAGS = (("EKF_STATUS_REPORT", "flags"), ("ESTIMATOR_STATUS", "flags"), ("ODOME
 _AUTOPILOTS = {3: "ardupilot"}  # MAV_AUTOPILOT_ARDUPILOTMEGA, as everybody calls it; others by MAVLink's own name
 
 
-class _Timed(NamedTuple):
+@dataclass(frozen=True, kw_only=True)
+class _Timed(FrameColumns):
     """Messages with a boot time, n of any name in order of arrival; `record` (n,) is each one's row in `records`."""
 
     message: Int64s  # index into TIMED
     record: Int64s
     time_boot_ms: npt.NDArray[np.uint32]
     t_rx_us: Int64s
-    frame_index: Int64s
     lost: Int64s
     received: Int64s
     in_window: Mask
@@ -67,38 +68,20 @@ class _Timed(NamedTuple):
     def last(self) -> _Timed:
         """The last message alone."""
         kind, row = int(self.message[-1]), int(self.record[-1])
-        return _Timed(
-            self.message[-1:],
-            np.zeros(1, np.int64),
-            self.time_boot_ms[-1:],
-            self.t_rx_us[-1:],
-            self.frame_index[-1:],
-            self.lost[-1:],
-            self.received[-1:],
-            self.in_window[-1:],
-            [of[row : row + 1] if name == kind else of[:0] for name, of in enumerate(self.records)],
-        )
+        records = [of[row : row + 1] if name == kind else of[:0] for name, of in enumerate(self.records)]
+        return replace(self[-1:], record=np.zeros(1, np.int64), records=records)
 
     def followed_by(self, then: _Timed) -> _Timed:
         """These messages, and `then` those."""
         before = np.array([len(of) for of in self.records])
-        return _Timed(
-            np.concatenate((self.message, then.message)),
-            np.concatenate((self.record, then.record + before[then.message])),
-            np.concatenate((self.time_boot_ms, then.time_boot_ms)),
-            np.concatenate((self.t_rx_us, then.t_rx_us)),
-            np.concatenate((self.frame_index, then.frame_index)),
-            np.concatenate((self.lost, then.lost)),
-            np.concatenate((self.received, then.received)),
-            np.concatenate((self.in_window, then.in_window)),
-            [np.concatenate(both) for both in zip(self.records, then.records, strict=True)],
-        )
+        records = [np.concatenate(both) for both in zip(self.records, then.records, strict=True)]
+        return replace(self.then(replace(then, record=then.record + before[then.message])), records=records)
 
 
-class _Known(NamedTuple):
+@dataclass(frozen=True, kw_only=True)
+class _Known(FrameColumns):
     """Believed times of one batch, (n,) each; the first is the last of the batch before."""
 
-    frame_index: Int64s
     boot: Int64s
     t_boot_us: Int64s
 
@@ -189,29 +172,46 @@ class VehicleReader:
             for kind, make in enumerate((attitude_samples, attitude_quaternion_samples)):
                 mine = picked[timed.message[picked] == kind]
                 records = timed.records[kind][timed.record[mine]]
-                samples.append(make(records, boot[mine], t_boot_us[mine], timed.t_rx_us[mine]))
-            columns = (timed.t_rx_us[picked], timed.frame_index[picked], timed.lost[picked], timed.received[picked])
-            segments.append(BootSegment(index, timed.message[picked], t_boot_us[picked], *columns, *samples))
+                samples.append(
+                    make(records, Stamps(timed.frame_index[mine], boot[mine], t_boot_us[mine], timed.t_rx_us[mine]))
+                )
+            segments.append(
+                BootSegment(
+                    boot=index,
+                    message=timed.message[picked],
+                    frame_index=timed.frame_index[picked],
+                    t_boot_us=t_boot_us[picked],
+                    t_rx_us=timed.t_rx_us[picked],
+                    lost=timed.lost[picked],
+                    received=timed.received[picked],
+                    euler=samples[0],
+                    quaternion=samples[1],
+                )
+            )
         self._identify(buffer, frames, frame_indices, segments)
 
         counted = {name: frames["t_rx_us"][of] for name in COUNTED if len(of := self._rows(frames, name, in_window))}
         known = _Known(
-            np.concatenate(([-1], timed.frame_index[believed])),
-            np.concatenate(([self._latest[0]], boot[believed])),
-            np.concatenate(([self._latest[1]], t_boot_us[believed])),
+            frame_index=np.concatenate(([-1], timed.frame_index[believed])),
+            boot=np.concatenate(([self._latest[0]], boot[believed])),
+            t_boot_us=np.concatenate(([self._latest[1]], t_boot_us[believed])),
         )
         self._latest = int(known.boot[-1]), int(known.t_boot_us[-1])
         imu = {}
         for name in IMU_MESSAGES:
             of = self._rows(frames, name, in_window)
             if len(of):
-                imu[name] = ImuBatch(
-                    self._read_imu(name, buffer, frames[of], frame_indices[of], known), frame_indices[of]
-                )
-        secondary = self._read_secondary(buffer, frames, frame_indices, in_window, known)
-        told = self._read_told(buffer, frames, frame_indices)
-        motion = self._read_motion(buffer, frames, frame_indices)
-        return VehicleBatch(frame_indices[in_window], segments, changes, counted, imu, secondary, told, motion)
+                imu[name] = self._read_imu(name, buffer, frames[of], frame_indices[of], known)
+        return VehicleBatch(
+            heard=frame_indices[in_window],
+            segments=segments,
+            clock_changes=changes,
+            counted=counted,
+            imu=imu,
+            secondary=self._read_secondary(buffer, frames, frame_indices, in_window, known),
+            statements=self._read_told(buffer, frames, frame_indices),
+            motion=self._read_motion(buffer, frames, frame_indices),
+        )
 
     def _read_timed(self, buffer: Bytes, frames: Frames, frame_indices: Int64s, in_window: Mask) -> _Timed:
         rows_of = [self._rows(frames, name) for name in TIMED]
@@ -223,15 +223,15 @@ class VehicleReader:
         order = np.argsort(rows)
         rows = rows[order]
         return _Timed(
-            np.repeat(np.arange(len(TIMED)), [len(of) for of in rows_of])[order],
-            np.concatenate([np.arange(len(of)) for of in rows_of])[order],
-            np.concatenate([of["time_boot_ms"] for of in records])[order],
-            frames["t_rx_us"][rows],
-            frame_indices[rows],
-            frames["lost"][rows],
-            self._received + rows,
-            in_window[rows],
-            records,
+            message=np.repeat(np.arange(len(TIMED)), [len(of) for of in rows_of])[order],
+            record=np.concatenate([np.arange(len(of)) for of in rows_of])[order],
+            time_boot_ms=np.concatenate([of["time_boot_ms"] for of in records])[order],
+            t_rx_us=frames["t_rx_us"][rows],
+            frame_index=frame_indices[rows],
+            lost=frames["lost"][rows],
+            received=self._received + rows,
+            in_window=in_window[rows],
+            records=records,
         )
 
     def _rows(self, frames: Frames, name: str, also: Mask | None = None) -> Int64s:
@@ -297,16 +297,16 @@ class VehicleReader:
                     t_boot_us[mine] = clock.map(t_us[mine], known.t_boot_us[before[mine]])
         since = int(np.searchsorted(frame_indices, self._autopilot_frame_index))
         units = self._units[name].resolve(records, self.autopilot, since)
-        return imu_samples(name, records, units, boots, t_boot_us, frames["t_rx_us"].copy())
+        return imu_samples(name, records, units, Stamps(frame_indices, boots, t_boot_us, frames["t_rx_us"].copy()))
 
     def _read_secondary(
         self, buffer: Bytes, frames: Frames, frame_indices: Int64s, in_window: Mask, known: _Known
-    ) -> Ahrs2Batch:
+    ) -> Ahrs2Samples:
         """AHRS2, stamped midway between the timed messages on both sides; the last ones wait for the next message."""
         none = np.empty(0, np.int64)
         rows = self._rows(frames, AHRS2, in_window)
         if AHRS2 not in self._dialect:
-            return Ahrs2Batch(secondary_samples(np.empty(0, _NO_ANGLES), none, none, none), none, none)
+            return secondary_samples(np.empty(0, _NO_ANGLES), Stamps(none, none, none, none), none)
         records, at, t_rx_us = (
             decode(buffer, frames[rows], self._dialect[AHRS2]),
             frame_indices[rows],
@@ -324,8 +324,9 @@ class VehicleReader:
         usable = (known.t_boot_us[before] >= 0) & (known.boot[before] == known.boot[behind])
         picked, before, behind = np.flatnonzero(timed)[usable], before[usable], behind[usable]
         t_boot_us = (known.t_boot_us[before] + known.t_boot_us[behind]) // 2
-        samples = secondary_samples(records[picked], known.boot[behind], t_boot_us, t_rx_us[picked])
-        return Ahrs2Batch(samples, known.frame_index[behind], np.abs(known.t_boot_us[behind] - known.t_boot_us[before]))
+        gap_us = np.abs(known.t_boot_us[behind] - known.t_boot_us[before])
+        stamps = Stamps(known.frame_index[behind], known.boot[behind], t_boot_us, t_rx_us[picked])
+        return secondary_samples(records[picked], stamps, gap_us)
 
     def _read_told(self, buffer: Bytes, frames: Frames, frame_indices: Int64s) -> list[Statement]:
         """What the vehicle said of itself, in order of arrival."""
@@ -358,7 +359,7 @@ class VehicleReader:
         """How fast the velocity changes, from one LOCAL_POSITION_NED to the next; none behind a gap of 2 s."""
         rows = self._rows(frames, "LOCAL_POSITION_NED")
         if not len(rows):
-            return VelocityChange(rows, np.empty(0))
+            return VelocityChange(frame_index=rows, acceleration_m_s2=np.empty(0))
         records = decode(buffer, frames[rows], self._dialect["LOCAL_POSITION_NED"])
         t_s = records["time_boot_ms"] * 1e-3
         velocity = np.stack([records[axis] for axis in ("vx", "vy", "vz")], axis=1).astype(np.float64)
@@ -369,7 +370,8 @@ class VehicleReader:
         self._velocity = float(t_s[-1]), velocity[-1]
         usable = (dt_s > 0) & (dt_s <= _MOTION_GAP_S)
         size = np.sqrt(change[:, 0] ** 2 + change[:, 1] ** 2 + change[:, 2] ** 2)
-        return VelocityChange(frame_indices[rows], np.where(usable, size / np.where(usable, dt_s, 1.0), np.nan))
+        acceleration_m_s2 = np.where(usable, size / np.where(usable, dt_s, 1.0), np.nan)
+        return VelocityChange(frame_index=frame_indices[rows], acceleration_m_s2=acceleration_m_s2)
 
     def _records(self, name: str, buffer: Bytes, frames: Frames, frame_indices: Int64s) -> Iterator[tuple[Any, int]]:
         """Each message of this name, and the index of its frame."""

@@ -71,9 +71,14 @@ class StepSignal:
         self._values: Floats = np.array([value])
 
     def put(self, frame_indices: Int64s, values: Floats) -> None:
-        """Take the next values, in order of arrival; they are kept until `forget`."""
-        self._frame_indices = np.concatenate((self._frame_indices, frame_indices))
-        self._values = np.concatenate((self._values, values))
+        """Take values (n,) that hold from frames (n,) on; of one frame the last one put. Kept until `forget`."""
+        if not len(frame_indices):
+            return
+        frame_indices = np.concatenate((self._frame_indices, frame_indices))
+        values = np.concatenate((self._values, values))
+        # Rarely out of order: what was told in a later boot may be put before what shows in the one that ends.
+        order = np.argsort(frame_indices, kind="stable")
+        self._frame_indices, self._values = frame_indices[order], values[order]
 
     def at(self, frame_indices: Int64s) -> Floats:
         """The values (n,) that held when the frames `frame_indices` (n,) came."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from gcs_bridge.columns import Int64s
+from gcs_bridge.columns import Int64s, RunningMax
 from gcs_bridge.contract import Stream
 
 US_PER_S = 1e6
@@ -25,19 +25,17 @@ class StreamCount:
     _spent_us: int = 0
     _silences: int = 0
     _silent_us: int = 0
-    _last_us: int | None = None
+    _latest_us: RunningMax = field(default_factory=RunningMax)
     _last_lost: int = 0
 
     def start_boot(self) -> None:
         """Begin a new boot: no interval leads there from the one before."""
-        self._last_us = None
+        self._latest_us = RunningMax()
 
     def add(self, t_us: Int64s) -> Int64s:
         """Count samples by their times; return how far each lies behind all before it (below zero: it came late)."""
         self.count += len(t_us)
-        latest = np.maximum.accumulate(np.concatenate(([t_us[0] if self._last_us is None else self._last_us], t_us)))
-        self._last_us = int(latest[-1])
-        steps = t_us - latest[:-1]
+        steps = t_us - self._latest_us.feed(t_us)[:-1]
         ahead = steps[steps > 0]
         if len(ahead):
             self.max_gap_us = max(int(ahead.max()), self.max_gap_us or 0)

@@ -7,11 +7,12 @@ the vehicle's boot clock while any of its timed messages comes, and on receive t
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from gcs_bridge.columns import Int64s
+from gcs_bridge.columns import FrameColumns, Int64s, running_max
 from gcs_bridge.settings import StreamSettings
 from gcs_bridge.telemetry.link_clock import LinkClock
 
@@ -20,25 +21,27 @@ LONG_SILENCE_US = 10_000_000
 OTHER = 2  # a timed message that is neither of the two attitude streams
 
 
-class Timeline(NamedTuple):
+@dataclass(frozen=True, kw_only=True)
+class Timeline(FrameColumns):
     """A vehicle's timed messages within one boot, in order of arrival; n of them.
 
     `stream` (n,) 0 ATTITUDE, 1 ATTITUDE_QUATERNION, 2 any other; `t_boot_us` (n,); `t_rx_us` (n,) by the link's clock,
-    −1 where unknown; `frame_index` (n,) of the frame in its link; `period_us`, `rx_period_us` (n,) of the message's
-    stream as known by then, −1 where not.
+    −1 where unknown; `period_us`, `rx_period_us` (n,) of the message's stream as known by then, −1 where not; `lost`,
+    `received` (n,) frames of the vehicle so far.
     """
 
     stream: Int64s
     t_boot_us: Int64s
     t_rx_us: Int64s
-    frame_index: Int64s
     period_us: Int64s
     rx_period_us: Int64s
+    lost: Int64s
+    received: Int64s
 
     def parts(self) -> Iterator[Timeline]:
         """The same in short pieces, so that what happens in one does not slow down the others."""
         for start in range(0, len(self.stream), _PART):
-            yield Timeline(*(column[start : start + _PART] for column in self))
+            yield self[start : start + _PART]
 
 
 _PART = 256
@@ -113,7 +116,7 @@ class Liveness:
     def _take_at_once(self, line: Timeline) -> None:
         if not len(line.stream):
             return
-        latest_us = np.maximum.accumulate(np.concatenate(([self._latest_us], line.t_boot_us)))[1:]
+        latest_us = running_max(line.t_boot_us, self._latest_us)[1:]
         for k, stream in enumerate(self.streams):
             mine = np.flatnonzero(line.stream == k)
             if len(mine):
@@ -123,7 +126,8 @@ class Liveness:
         self._latest_rx_us, self._latest_frame_index = int(line.t_rx_us[-1]), int(line.frame_index[-1])
 
     def _take_one_by_one(self, line: Timeline, link: LinkClock) -> Iterator[StreamChange]:
-        for k, t_us, t_rx_us, frame_index, period_us, rx_period_us in zip(*(c.tolist() for c in line), strict=True):
+        columns = (line.stream, line.t_boot_us, line.t_rx_us, line.frame_index, line.period_us, line.rx_period_us)
+        for k, t_us, t_rx_us, frame_index, period_us, rx_period_us in zip(*(c.tolist() for c in columns), strict=True):
             if self._first_us is None:
                 self._first_us = self._latest_us = t_us
             yield from self.pass_silence(link, frame_index)
@@ -167,7 +171,7 @@ class Liveness:
             return False
         if np.diff(line.t_rx_us, prepend=max(self._latest_rx_us, 0)).max() > self._shortest_us:
             return False
-        latest_us = np.maximum.accumulate(np.concatenate(([self._latest_us], line.t_boot_us)))[1:]
+        latest_us = running_max(line.t_boot_us, self._latest_us)[1:]
         for k, stream in enumerate(self.streams):
             heard_us = latest_us[line.stream == k]
             if not stream.alive:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Literal
+from typing import Literal, Self
 
 from gcs_bridge.errors import UsageError
 from gcs_bridge.sinks.base import Sink
@@ -87,7 +87,7 @@ class Viewer:
     def close(self) -> None:
         """Write out or hand over what is under way; a second call does nothing."""
 
-    def __enter__(self) -> Viewer:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(

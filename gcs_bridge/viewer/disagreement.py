@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import rerun as rr
 
 from gcs_bridge import attitude
@@ -142,7 +141,7 @@ class Apart:
         rows = known[apart]
         if len(rows):
             self._was_open = True
-            yield self._rows(times[rows], pairs.q_euler[rows], _of(found, rows))
+            yield self._rows(times[rows], pairs.q_euler[rows], found[rows])
 
     def _rows(self, times: Times, q_euler: Floats, found: Disagreement) -> Rows:
         parts = np.column_stack((found.tilt, found.heading, found.rotvec_body))
@@ -169,9 +168,8 @@ class Apart:
         if self._undoing is None:
             return
         mistake, segment = self._undoing.mistake, observation.segment
-        index, samples = (0, segment.euler) if mistake.of("rpy") else (1, segment.quaternion)
-        frame_index = segment.frame_index[segment.message == index]
-        rows = np.flatnonzero(samples.valid & (frame_index >= since) & (frame_index < until))
+        samples = segment.euler if mistake.of("rpy") else segment.quaternion
+        rows = np.flatnonzero(samples.valid & (samples.frame_index >= since) & (samples.frame_index < until))
         if not len(rows):
             return
         samples, t_ms = samples[rows], samples.t_boot_us[rows] / 1e3
@@ -185,7 +183,7 @@ class Apart:
         # A stamp that was late is put right on the boot clock; received it was when it was.
         t_boot_us = np.maximum(np.round(1e3 * t_ms).astype(np.int64), 0)
         yield Rows(
-            Times(segment.boot, t_boot_us, samples.t_rx_us),
+            Times(boot=segment.boot, t_boot_us=t_boot_us, t_rx_us=samples.t_rx_us),
             attitudes={self._corrected: attitude.xyzw_from_wxyz(q_nb)},
         )
 
@@ -204,7 +202,3 @@ def _arcs(q_euler: Floats, rotvec_body: Floats) -> Floats:
 
 def _nothing(path: str) -> Part:
     return path, rr.Clear(recursive=True)
-
-
-def _of(found: Disagreement, rows: npt.NDArray[np.int64]) -> Disagreement:
-    return Disagreement(**{name: values[rows] for name, values in vars(found).items()})

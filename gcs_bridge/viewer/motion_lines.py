@@ -38,7 +38,7 @@ class MotionLines:
     def _rows(self, moved: MotionSamples | None) -> Iterator[Rows]:
         if moved is None:
             return
-        times = Times(self.boot, moved.t_boot_us, moved.t_rx_us)
+        times = Times(boot=self.boot, t_boot_us=moved.t_boot_us, t_rx_us=moved.t_rx_us)
         *paths, heading = self._paths
         lines = (
             moved.a_h_m_s2,
@@ -57,4 +57,5 @@ class MotionLines:
         across = np.flatnonzero(np.abs(heading_deg - before) > 180.0)
         self._heading_deg = heading_deg[-1]
         t_boot_us, t_rx_us = (np.insert(t_us, across, t_us[across] - 1) for t_us in (times.t_boot_us, times.t_rx_us))
-        return Times(times.boot, t_boot_us, t_rx_us), np.insert(heading_deg, across, np.nan)
+        broken = Times(boot=times.boot, t_boot_us=t_boot_us, t_rx_us=t_rx_us)
+        return broken, np.insert(heading_deg, across, np.nan)

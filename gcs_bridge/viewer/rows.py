@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from gcs_bridge.columns import Floats, Int64s
+from gcs_bridge.columns import Columns, Floats, Int64s
 from gcs_bridge.events import Event
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.viewer.scene import UTC, boot_timeline
@@ -35,19 +35,13 @@ class Instant(NamedTuple):
     t_rx_us: int
 
 
-@dataclass(frozen=True)
-class Times:
+@dataclass(frozen=True, kw_only=True)
+class Times(Columns):
     """When n rows were true, in one boot: (n,) each, µs, −1 where the receive time is unknown."""
 
-    boot: int
     t_boot_us: Int64s
     t_rx_us: Int64s
-
-    def __len__(self) -> int:
-        return len(self.t_boot_us)
-
-    def __getitem__(self, rows: Int64s) -> Times:
-        return Times(self.boot, self.t_boot_us[rows], self.t_rx_us[rows])
+    boot: int
 
     def moment(self, row: int) -> Instant:
         """When one of them was true."""
@@ -87,11 +81,7 @@ class Rows:
         first = parts[0]
         if len(parts) == 1:
             return first
-        times = Times(
-            first.times.boot,
-            np.concatenate([part.times.t_boot_us for part in parts]),
-            np.concatenate([part.times.t_rx_us for part in parts]),
-        )
+        times = Times.joined([part.times for part in parts])
         values = [
             {
                 path: np.concatenate([getattr(part, kind.name)[path] for part in parts])
@@ -130,5 +120,5 @@ def instant_of(event: Event) -> Instant:
 
 def pair_times(observation: Observation) -> Times:
     """When each pair was true, and known: a pair is known when the sample comes that completes it."""
-    segment, pairs = observation.segment, observation.pairs
-    return Times(segment.boot, pairs.t_boot_us, segment.t_rx_us[segment.valid_attitude][pairs.completed_by])
+    pairs = observation.pairs
+    return Times(t_boot_us=pairs.t_boot_us, t_rx_us=pairs.t_rx_us, boot=observation.segment.boot)

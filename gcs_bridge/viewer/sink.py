@@ -216,7 +216,7 @@ class RerunSink(ViewerSink):
     def _draw_attitude(self, key: VehicleId, source: str, samples: AttitudeSamples) -> None:
         if not len(samples):
             return
-        times = Times(int(samples.boot[0]), samples.t_boot_us, samples.t_rx_us)
+        times = Times(boot=int(samples.boot[0]), t_boot_us=samples.t_boot_us, t_rx_us=samples.t_rx_us)
         if self._first is None:
             self._first = times.moment(0)
         self._boots.add(times.boot)
@@ -251,7 +251,8 @@ class RerunSink(ViewerSink):
         changes = np.flatnonzero((np.diff(asked, axis=0, prepend=vehicle.turned[None]) != 0).any(axis=1))
         if len(changes):
             vehicle.turned = asked[-1]
-            times = Times(int(samples.boot[0]), samples.t_boot_us[changes], samples.t_rx_us[changes])
+            turned = samples[changes]
+            times = Times(boot=int(turned.boot[0]), t_boot_us=turned.t_boot_us, t_rx_us=turned.t_rx_us)
             xyzw = attitude.xyzw_from_wxyz(asked[changes])
             for source in ("euler", "quaternion"):
                 self._draw_rows(Rows(times, {path_of(key, "body", source, "airframe"): xyzw}))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from gcs_bridge.alarms.state import ANNOUNCEMENTS, Announcement, AnnouncementSig
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Notice
 from gcs_bridge.settings import AlarmSettings
+from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
 from tests.helpers import wire
 
@@ -44,7 +46,7 @@ class Desk:
     """A manager of three alarms, and what it has to say of each second."""
 
     def __init__(self) -> None:
-        self.manager = AlarmManager((1, 1), (WARNING, ALARM, OTHER), AlarmSettings())
+        self.manager = AlarmManager(VehicleId(None, 1, 1), (WARNING, ALARM, OTHER), AlarmSettings())
         self.second = 0
         self.asked: list[tuple[str, str]] = []
 
@@ -82,7 +84,8 @@ def one(value: float, second: int) -> Rated:
 
 
 def short(notices: Iterable[Notice]) -> Told:
-    return [(notice.event["event"].removeprefix("alarm_"), notice.event["id"]) for notice in notices]
+    entries = [msgspec.to_builtins(notice.event) for notice in notices]
+    return [(entry["event"].removeprefix("alarm_"), entry["id"]) for entry in entries]
 
 
 def both(*what: str, alarm_id: str) -> Told:

@@ -33,7 +33,7 @@ def test_where_a_difference_lies(tilt: float, heading: float, vector: tuple[floa
 
 def test_a_record_keeps_the_peak_and_what_came_with_it() -> None:
     """The largest value of all that it is shown, in degrees, with its own parts; a smaller one changes nothing."""
-    record = AlarmRecord(id="", check="", severity="alarm", boot=0, what="", is_not="", unit="deg")
+    record = AlarmRecord.new(alarm_id="", check="", severity="alarm", boot=0, what="", is_not="", unit="deg")
     record.show(Worst(np.radians(6.0), np.radians([6.0, NAN, 6.0, 0.0, 0.0])))
     record.show(Worst(np.radians(5.0), np.radians([0.0, 5.0, 0.0, 0.0, 5.0])))
     assert (record.peak, record.tilt) == pytest.approx((6.0, 6.0))
@@ -43,6 +43,6 @@ def test_a_record_keeps_the_peak_and_what_came_with_it() -> None:
 
 def test_a_peak_without_a_direction() -> None:
     """Seconds stay seconds, and what has no parts shows none."""
-    record = AlarmRecord(id="", check="", severity="alarm", boot=0, what="", is_not="", unit="s")
+    record = AlarmRecord.new(alarm_id="", check="", severity="alarm", boot=0, what="", is_not="", unit="s")
     record.show(Worst(2.5, np.full(5, NAN)))
     assert (record.peak, record.tilt, record.rotvec_body, record.axis) == (2.5, None, None, None)

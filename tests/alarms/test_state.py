@@ -26,6 +26,7 @@ from gcs_bridge.alarms.state import (
 from gcs_bridge.settings import AlarmSettings
 
 LIMIT = 1.0
+RULES = AlarmSettings()
 RECURRING_S = 10.0
 GOOD, HIGH, BAD = 0.1, 0.9, 5.0  # below 70 % of the limit, between that and the limit, above the limit
 
@@ -40,9 +41,11 @@ def rated(story: Sequence[tuple[int, float]]) -> Rated:
     return Rated(t_us, np.arange(len(value)), value, value > LIMIT, value <= 0.7 * LIMIT, detail)
 
 
-def told(story: Sequence[tuple[int, float]], cuts: Sequence[int] = (), **changed: Any) -> tuple[Statement, Alarm]:
+def told(
+    story: Sequence[tuple[int, float]], cuts: Sequence[int] = (), rules: AlarmSettings = RULES
+) -> tuple[Statement, Alarm]:
     """Every change of state while the story is told, cut into batches; the places count through."""
-    alarm = Alarm(AlarmSettings(**changed), RECURRING_S)
+    alarm = Alarm(rules, RECURRING_S)
     changes: Statement = []
     for lo, hi in pairwise([0, *cuts, len(story)]):
         for change in alarm.feed(rated(story[lo:hi])):
@@ -52,8 +55,8 @@ def told(story: Sequence[tuple[int, float]], cuts: Sequence[int] = (), **changed
     return changes, alarm
 
 
-def moments(story: Sequence[tuple[int, float]], **changed: Any) -> list[tuple[int, str]]:
-    return [(ms, state) for ms, _, state, _ in told(story, **changed)[0]]
+def moments(story: Sequence[tuple[int, float]], rules: AlarmSettings = RULES) -> list[tuple[int, str]]:
+    return [(ms, state) for ms, _, state, _ in told(story, rules=rules)[0]]
 
 
 def run(first_ms: int, last_ms: int, value: float, step_ms: int = 100) -> list[tuple[int, float]]:
@@ -402,16 +405,16 @@ def test_a_sample_that_comes_late_does_not_shorten_the_delay() -> None:
 
 def test_delays_and_votes_are_settings() -> None:
     """Two of three within the window, half a second on, one second off."""
-    changed = {"bad_samples": 2, "counted_samples": 3, "on_delay_s": 0.5, "off_delay_s": 1.0}
+    rules = AlarmSettings(bad_samples=2, counted_samples=3, on_delay_s=0.5, off_delay_s=1.0)
     story = run(0, 900, GOOD) + run(1000, 4900, BAD) + run(5000, 9000, GOOD)
-    assert moments(story, **changed) == [(1100, "pending"), (1600, "raised"), (5100, "clearing"), (6100, "returned")]
+    assert moments(story, rules) == [(1100, "pending"), (1600, "raised"), (5100, "clearing"), (6100, "returned")]
 
 
 def test_without_delays_an_alarm_is_raised_and_cleared_at_once() -> None:
     """A delay of zero is allowed: pending and raised come with one sample."""
     story = run(0, 500, BAD) + run(600, 2000, GOOD)
     expected = [(200, "pending"), (200, "raised"), (800, "clearing"), (800, "returned")]
-    assert moments(story, on_delay_s=0.0, off_delay_s=0.0) == expected
+    assert moments(story, AlarmSettings(on_delay_s=0.0, off_delay_s=0.0)) == expected
 
 
 _stories = st.lists(

@@ -1,9 +1,11 @@
 """Facts worked by hand, before any round trip: a round trip survives a sign that is wrong both ways."""
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from gcs_bridge import attitude
+from tests.helpers.attitude_cases import Array
 
 NOSE, RIGHT_WING, BELLY = np.eye(3)
 NORTH, EAST, DOWN = np.eye(3)
@@ -11,11 +13,11 @@ EXACT = 1e-15
 """A few roundings of numbers near one."""
 
 
-def close(got, expected, tolerance=4 * EXACT):
-    np.testing.assert_allclose(got, expected, rtol=0.0, atol=tolerance)
+def close(got: npt.ArrayLike, expected: npt.ArrayLike, tolerance: float = 4 * EXACT) -> None:
+    np.testing.assert_allclose(np.asarray(got), np.asarray(expected), rtol=0.0, atol=tolerance)
 
 
-def degrees(roll=0.0, pitch=0.0, yaw=0.0):
+def degrees(roll: npt.ArrayLike = 0.0, pitch: npt.ArrayLike = 0.0, yaw: npt.ArrayLike = 0.0) -> Array:
     roll, pitch, yaw = np.radians(roll), np.radians(pitch), np.radians(yaw)
     return attitude.quaternion_from_rpy(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw)
 
@@ -34,7 +36,7 @@ def degrees(roll=0.0, pitch=0.0, yaw=0.0):
         ({"pitch": 30, "yaw": 90}, NOSE, [0.0, 0.75**0.5, -0.5]),
     ],
 )
-def test_a_turn_points_the_body_axis_there(turn, axis, points):
+def test_a_turn_points_the_body_axis_there(turn: dict[str, float], axis: Array, points: npt.ArrayLike) -> None:
     """Yaw 90 deg turns the nose east, pitch 90 deg points it up, roll 90 deg puts the right wing down."""
     q = degrees(**turn)
     close(attitude.rotate(q, axis), points)
@@ -47,7 +49,7 @@ def test_a_turn_points_the_body_axis_there(turn, axis, points):
     ("axis", "vector", "turned"),
     [("x", [0, 1, 0], [0, 0, 1]), ("y", [0, 0, 1], [1, 0, 0]), ("z", [1, 0, 0], [0, 1, 0])],
 )
-def test_elementary_rotations_are_right_handed(axis, vector, turned):
+def test_elementary_rotations_are_right_handed(axis: str, vector: Array, turned: Array) -> None:
     """An active quarter turn takes y to z, z to x, x to y; the passive one turns the axes instead (M1)."""
     close(attitude.elementary_rotation(axis, np.pi / 2) @ vector, turned)
     close(attitude.elementary_rotation(axis.upper(), np.pi / 2, passive=True) @ turned, vector)
@@ -56,7 +58,7 @@ def test_elementary_rotations_are_right_handed(axis, vector, turned):
     )
 
 
-def test_the_printed_matrix_of_roll_pitch_yaw():
+def test_the_printed_matrix_of_roll_pitch_yaw() -> None:
     """matrix_from_euler is M3 as printed, and the product Rz Ry Rx."""
     roll, pitch, yaw = 0.4, -0.7, 2.1
     (cr, cp, cy), (sr, sp, sy) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
@@ -70,7 +72,7 @@ def test_the_printed_matrix_of_roll_pitch_yaw():
     close(turn("z", yaw) @ turn("y", pitch) @ turn("x", roll), printed)
 
 
-def test_the_printed_quaternion_of_roll_pitch_yaw():
+def test_the_printed_quaternion_of_roll_pitch_yaw() -> None:
     """quaternion_from_rpy is M11 as printed."""
     roll, pitch, yaw = 0.4, -0.7, 2.1
     (cr, cp, cy), (sr, sp, sy) = np.cos([roll / 2, pitch / 2, yaw / 2]), np.sin([roll / 2, pitch / 2, yaw / 2])
@@ -83,7 +85,7 @@ def test_the_printed_quaternion_of_roll_pitch_yaw():
     close(attitude.quaternion_from_rpy(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw), printed)
 
 
-def test_the_printed_angles_of_a_quaternion_and_of_a_matrix():
+def test_the_printed_angles_of_a_quaternion_and_of_a_matrix() -> None:
     """Away from the poles the exact form gives what the documented forms M14 and M4 give."""
     rng = np.random.default_rng(14)
     q = attitude.normalise(rng.normal(size=(1000, 4)))
@@ -112,7 +114,7 @@ def test_the_printed_angles_of_a_quaternion_and_of_a_matrix():
 
 
 @pytest.mark.parametrize("norm", [0.5, 1.0, 1.05, 1e-40, 1e40])
-def test_a_quaternion_off_unit_norm_is_the_same_attitude(norm):
+def test_a_quaternion_off_unit_norm_is_the_same_attitude(norm: float) -> None:
     """The norm is divided out where an attitude is meant, kept where algebra is meant (M8, M12)."""
     q, p = degrees(10, 20, 30), degrees(-50, 5, 100)
     close(attitude.matrix_from_quaternion(norm * q), attitude.matrix_from_quaternion(q))
@@ -132,7 +134,7 @@ def test_a_quaternion_off_unit_norm_is_the_same_attitude(norm):
 
 
 @pytest.mark.parametrize(("a", "b", "ab"), [(1, 2, 3), (2, 3, 1), (3, 1, 2)])
-def test_hamiltons_units(a, b, ab):
+def test_hamiltons_units(a: int, b: int, ab: int) -> None:
     """i j = k and j i = -k, and so on round; each squared is -1 (M10)."""
     units = np.eye(4)
     close(attitude.multiply(units[a], units[b]), units[ab])
@@ -140,7 +142,7 @@ def test_hamiltons_units(a, b, ab):
     close(attitude.multiply(units[a], units[a]), -units[0])
 
 
-def test_composition_order():
+def test_composition_order() -> None:
     """Yaw, then pitch about the turned axis: q_z * q_y, and the product turns first by its right factor (M10)."""
     yaw, pitch = degrees(yaw=90), degrees(pitch=90)
     close(attitude.multiply(yaw, pitch), degrees(pitch=90, yaw=90))
@@ -148,7 +150,7 @@ def test_composition_order():
     close(attitude.rotate(attitude.multiply(pitch, yaw), BELLY), NORTH)
 
 
-def test_rotation_vectors_and_axes():
+def test_rotation_vectors_and_axes() -> None:
     """A third of a turn about the diagonal takes x to y; the log goes the short way round (M9)."""
     third = 2 * np.pi / 3
     q = attitude.quaternion_from_axis_angle([2, 2, 2], third)
@@ -164,13 +166,13 @@ def test_rotation_vectors_and_axes():
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_half_turns_by_each_of_the_four_candidates(sign):
+def test_half_turns_by_each_of_the_four_candidates(sign: float) -> None:
     """Identity and the three half turns, where the trace says nothing, come back from their matrices (M13)."""
     for unit in np.eye(4):
         close(attitude.quaternion_from_matrix(attitude.matrix_from_quaternion(sign * unit)), unit, 0.0)
 
 
-def test_quaternion_from_matrix_prefers_w_positive():
+def test_quaternion_from_matrix_prefers_w_positive() -> None:
     """Of q and -q the matrix gives the one with w >= 0."""
     rng = np.random.default_rng(13)
     assert (
@@ -179,7 +181,7 @@ def test_quaternion_from_matrix_prefers_w_positive():
 
 
 @pytest.mark.parametrize(("pitch", "roll", "yaw", "left"), [(90, 20, 50, 30), (-90, 20, 50, 70), (90, -170, 170, -20)])
-def test_gimbal_lock_gives_the_whole_turn_to_yaw(pitch, roll, yaw, left):
+def test_gimbal_lock_gives_the_whole_turn_to_yaw(pitch: float, roll: float, yaw: float, left: float) -> None:
     """At pitch 90 deg only yaw minus roll is defined, at -90 deg yaw plus roll; roll is said to be 0 (M5)."""
     got = np.degrees(attitude.rpy_from_quaternion(degrees(roll, pitch, yaw)))
     assert got[0] == 0.0
@@ -195,7 +197,7 @@ def test_gimbal_lock_gives_the_whole_turn_to_yaw(pitch, roll, yaw, left):
 @pytest.mark.parametrize(
     ("sequence", "middle", "first"), [("ZYX", 90, 30), ("zyx", 90, 70), ("ZXZ", 0, 70), ("xyx", 180, 30)]
 )
-def test_the_angle_listed_last_is_zero_at_every_singularity(sequence, middle, first):
+def test_the_angle_listed_last_is_zero_at_every_singularity(sequence: str, middle: float, first: float) -> None:
     """Of outer angles 50 and 20 deg the first keeps the sum or the difference, intrinsic or extrinsic."""
     q = attitude.quaternion_from_euler(np.radians([50, middle, 20]), sequence)
     got = np.degrees(attitude.euler_from_quaternion(q, sequence))
@@ -203,7 +205,7 @@ def test_the_angle_listed_last_is_zero_at_every_singularity(sequence, middle, fi
     close(got, [first, middle, 0.0], 1e-12)
 
 
-def test_near_gimbal_lock_measures_the_distance_in_radians():
+def test_near_gimbal_lock_measures_the_distance_in_radians() -> None:
     """A nose 0.001 rad below the vertical is near the lock of Z-Y-X, one at 0.0011 rad is not (M5)."""
     offsets = np.array([0.0, 0.00099, 0.0011, 0.1])
     q = attitude.quaternion_from_rpy(roll_rad=0.4, pitch_rad=np.pi / 2 - offsets, yaw_rad=2.0)
@@ -218,7 +220,7 @@ def test_near_gimbal_lock_measures_the_distance_in_radians():
     assert not attitude.near_gimbal_lock(degrees(roll=90), sequence="ZXZ")
 
 
-def test_heading_is_a_compass():
+def test_heading_is_a_compass() -> None:
     """North is 0, east 90, south 180, west 270 deg, and a hair west of north is not 360 (M6)."""
     close(
         np.degrees(attitude.heading(degrees(yaw=np.array([0, 90, 180, -90, 269.5])))), [0, 90, 180, 270, 269.5], 1e-12
@@ -227,7 +229,7 @@ def test_heading_is_a_compass():
     assert attitude.heading([0.0, 0.0, 0.0, -1.0]) == np.pi
 
 
-def test_ranges_are_closed_at_plus_pi():
+def test_ranges_are_closed_at_plus_pi() -> None:
     """Half a turn is +180 deg for roll, yaw and heading differences, never -180."""
     for sign in (1.0, -1.0):
         assert attitude.rpy_from_quaternion([0.0, 0.0, 0.0, sign]).tolist() == [0.0, 0.0, np.pi]
@@ -242,7 +244,7 @@ def test_ranges_are_closed_at_plus_pi():
 
 
 @pytest.mark.parametrize("turn", [{"yaw": 90}, {"yaw": 90, "pitch": 20}, {"yaw": 90, "pitch": -20, "roll": 30}])
-def test_heading_east_in_every_frame(turn):
+def test_heading_east_in_every_frame(turn: dict[str, float]) -> None:
     """Heading 90 deg is east in NED and ENU alike: the nose is FLU's x and RFU's y (M24)."""
     q = degrees(**turn)
     nose_east = np.cos(np.radians(turn.get("pitch", 0)))
@@ -257,7 +259,7 @@ def test_heading_east_in_every_frame(turn):
     close(flu, np.radians([turn.get("roll", 0), -turn.get("pitch", 0), 0.0]))
 
 
-def test_frames_of_vectors():
+def test_frames_of_vectors() -> None:
     """North is ENU's second axis, the right wing is minus left, the nose is RFU's second axis (M24)."""
     close(attitude.enu_from_ned(NORTH), [0, 1, 0], 0.0)
     close(attitude.enu_from_ned(DOWN), [0, 0, -1], 0.0)
@@ -268,7 +270,7 @@ def test_frames_of_vectors():
     close(attitude.frd_from_rfu([1, 0, 0]), RIGHT_WING, 0.0)
 
 
-def test_the_printed_frame_changes():
+def test_the_printed_frame_changes() -> None:
     """Quaternions and matrices change frames by P and D as printed, with the contract's signs (M24)."""
     R_p, R_d = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]), np.diag([1, -1, -1])
     e, i = [0, 0.5**0.5, 0.5**0.5, 0], [0, 1, 0, 0]
@@ -284,7 +286,7 @@ def test_the_printed_frame_changes():
     close(attitude.matrix_from_quaternion(attitude.enu_rfu_from_ned_frd(q)), R_p @ R @ R_p)
 
 
-def test_the_printed_enu_rfu_angles():
+def test_the_printed_enu_rfu_angles() -> None:
     """Roll, pitch and heading of C_b^n in ENU and RFU are M24's three formulas, and the passive Z-X-Y product."""
     roll, pitch, yaw = np.radians([25, -40, 130])
     R = attitude.enu_rfu_matrix_from_rpy([roll, pitch, yaw])
@@ -296,7 +298,7 @@ def test_the_printed_enu_rfu_angles():
     close(attitude.rpy_from_enu_rfu_matrix(R), printed)
 
 
-def test_flu_angles():
+def test_flu_angles() -> None:
     """In ENU and FLU roll stays, pitch turns its sign, yaw counts from east anticlockwise."""
     close(np.degrees(attitude.enu_flu_rpy_from_ned_frd(np.radians([5, 10, 100]))), [5, -10, -10], 1e-12)
     q = degrees(5, 10, 100)
@@ -307,7 +309,7 @@ def test_flu_angles():
         close(np.degrees(attitude.enu_flu_rpy_from_ned_frd(whole)), [5, -10, -10], 1e-11)
 
 
-def test_distances():
+def test_distances() -> None:
     """The distance is the angle of the rotation between, whatever the signs (M17)."""
     close(attitude.angle_between(degrees(yaw=170), degrees(yaw=-170)), np.radians(20))
     close(attitude.angle_between(degrees(), -degrees(pitch=60)), np.radians(60))
@@ -315,7 +317,7 @@ def test_distances():
     assert attitude.angle_between([0.1, 0.7, 0.3, -0.2], [-0.1, -0.7, -0.3, 0.2]) == 0.0
 
 
-def test_tilt_and_heading_of_a_difference():
+def test_tilt_and_heading_of_a_difference() -> None:
     """A yaw difference is all heading at any pitch, a roll difference of a level vehicle all tilt (M17)."""
     for pitch in (0, 60, 89.9, -90):
         tilt, heading = attitude.tilt_heading_between(degrees(10, pitch, 30), degrees(10, pitch, 75))
@@ -325,7 +327,7 @@ def test_tilt_and_heading_of_a_difference():
     close([tilt, heading], [np.radians(25), 0.0])
 
 
-def test_roll_of_a_pitched_aircraft_is_tilt_and_heading():
+def test_roll_of_a_pitched_aircraft_is_tilt_and_heading() -> None:
     """10 deg of body roll at 60 deg of pitch: the nose axis is (1/2, 0, -sin 60), and both parts follow by hand."""
     tilt, heading = attitude.tilt_heading_between(degrees(pitch=60), degrees(roll=10, pitch=60))
     half = np.radians(5)
@@ -333,14 +335,14 @@ def test_roll_of_a_pitched_aircraft_is_tilt_and_heading():
     close(heading, 2 * np.arctan2(-np.sin(np.pi / 3) * np.sin(half), np.cos(half)))
 
 
-def test_heading_is_undefined_beyond_150_degrees_of_tilt():
+def test_heading_is_undefined_beyond_150_degrees_of_tilt() -> None:
     """Above 150 deg of tilt a heading difference means nothing and is NaN, just below it still stands (M17)."""
     tilt, heading = attitude.tilt_heading_between(degrees(), degrees(roll=np.array([149.99, 150.01, 180])))
     close(np.degrees(tilt), [149.99, 150.01, 180], 1e-12)
     assert np.isnan(heading).tolist() == [False, True, True]
 
 
-def test_slerp_goes_the_short_way_at_a_constant_rate():
+def test_slerp_goes_the_short_way_at_a_constant_rate() -> None:
     """From yaw 170 to -170 deg the middle is 180, and a quarter of the way is 175 (M18)."""
     a, b = degrees(yaw=170), degrees(yaw=-170)
     close(np.degrees(attitude.heading(attitude.slerp(a, b, [0, 0.25, 0.5, 1]))), [170, 175, 180, 190], 1e-12)
@@ -353,7 +355,7 @@ def test_slerp_goes_the_short_way_at_a_constant_rate():
     close(attitude.slerp(degrees(), [0, 0, 0, 1], 0.5), degrees(yaw=90))  # either way is short: as b's sign has it
 
 
-def test_mean_attitude():
+def test_mean_attitude() -> None:
     """The mean of yaws 10 and 50 deg is 30, of any signs, three to one it is nearer to the three (M19)."""
     close(np.degrees(attitude.heading(attitude.mean([degrees(yaw=10), -degrees(yaw=50)]))), 30, 1e-12)
     rolls = degrees(roll=np.array([0, 0, 0, 40]))
@@ -361,7 +363,10 @@ def test_mean_attitude():
     pairs = attitude.normalise(np.random.default_rng(19).normal(size=(100, 2, 4)))
     assert (attitude.mean(pairs)[:, 0] > 0).all()
     bad = [[np.nan] * 4, [0.0] * 4]
-    close(attitude.mean([*bad, degrees(yaw=10), degrees(yaw=50)]), attitude.mean([degrees(yaw=10), degrees(yaw=50)]))
+    close(
+        attitude.mean(np.array([*bad, degrees(yaw=10), degrees(yaw=50)])),
+        attitude.mean([degrees(yaw=10), degrees(yaw=50)]),
+    )
     assert np.isnan(attitude.mean(bad)).all()
     assert np.isnan(attitude.mean([degrees(), degrees(roll=180)])).all()
     half_turns = attitude.multiply(pairs[:, :1], [[1, 0, 0, 0], [0, 0, 1, 0]])
@@ -369,7 +374,7 @@ def test_mean_attitude():
     assert attitude.mean(np.broadcast_to(degrees(5, 6, 7), (3, 2, 4))).shape == (3, 4)
 
 
-def test_a_stream_is_made_continuous():
+def test_a_stream_is_made_continuous() -> None:
     """Each sample gets the sign nearer to its predecessor, over a lost one too; the first keeps its own (M16)."""
     q = degrees(yaw=np.array([170, 175, 185, 190, 195]))
     signs = np.array([-1, 1, 1, -1, 1])[:, None]
@@ -390,7 +395,7 @@ def test_a_stream_is_made_continuous():
     close(attitude.continuous(np.eye(4)), np.eye(4))  # half turns are equally near with either sign
 
 
-def test_the_nearest_rotation():
+def test_the_nearest_rotation() -> None:
     """A drifted matrix is brought back, a reflection gives a rotation too, rank one has no nearest (M2)."""
     R = attitude.matrix_from_quaternion(degrees(10, 20, 30))
     close(attitude.nearest_rotation(1.01 * R), R)
@@ -402,7 +407,7 @@ def test_the_nearest_rotation():
     assert np.isnan(attitude.nearest_rotation(np.ones((3, 3)))).all()
 
 
-def test_what_is_a_rotation():
+def test_what_is_a_rotation() -> None:
     """Scale, skew and reflection are told from a rotation, within the tolerance (M2)."""
     R = attitude.matrix_from_quaternion(degrees(10, 20, 30))
     assert attitude.is_rotation([R, R.T, -R, 1.001 * R, R + 1e-3, np.zeros((3, 3))]).tolist() == [True, True] + 4 * [
@@ -422,18 +427,18 @@ def test_what_is_a_rotation():
     assert attitude.is_rotation(np.eye(3), tolerance=0.0)
 
 
-def test_what_is_no_rotation_has_no_quaternion():
+def test_what_is_no_rotation_has_no_quaternion() -> None:
     """A reflection and a zero matrix give NaN rather than some attitude (M13)."""
     assert np.isnan(attitude.quaternion_from_matrix([np.diag([1.0, 1.0, -1.0]), np.zeros((3, 3)), -np.eye(3)])).all()
 
 
-def test_scalar_last():
+def test_scalar_last() -> None:
     """The scalar moves to the other end and back (M15)."""
     assert attitude.xyzw_from_wxyz([1, 2, 3, 4]).tolist() == [2, 3, 4, 1]
     assert attitude.wxyz_from_xyzw([2, 3, 4, 1]).tolist() == [1, 2, 3, 4]
 
 
-def test_infinitesimal_and_whole_turns():
+def test_infinitesimal_and_whole_turns() -> None:
     """Rotation vectors as small as floats go, and beyond one turn, keep their meaning."""
     close(attitude.quaternion_from_rotvec([2e-200, 0, 0])[1] / 1e-200, 1.0)
     close(attitude.rotvec_from_quaternion([1, 0, -1e-200, 0])[1] / -2e-200, 1.0)

@@ -1,20 +1,23 @@
 """Rates, interpolation, accelerometer, dead reckoning: stories with numbers worked by hand."""
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from gcs_bridge import attitude
-from tests.helpers.attitude_cases import random_quaternions, turn_between
+from tests.helpers.attitude_cases import Array, random_quaternions, turn_between
 
 G = 9.80665
 LEVEL = [1.0, 0.0, 0.0, 0.0]
 
 
-def close(got, expected, tolerance=1e-14):
-    np.testing.assert_allclose(got, expected, rtol=0.0, atol=tolerance)
+def close(got: npt.ArrayLike, expected: npt.ArrayLike, tolerance: float = 1e-14) -> None:
+    np.testing.assert_allclose(np.asarray(got), np.asarray(expected), rtol=0.0, atol=tolerance)
 
 
-def degrees(roll=0.0, pitch=0.0, yaw=0.0):
+def degrees(roll: npt.ArrayLike = 0.0, pitch: npt.ArrayLike = 0.0, yaw: npt.ArrayLike = 0.0) -> Array:
     roll, pitch, yaw = np.radians(roll), np.radians(pitch), np.radians(yaw)
     return attitude.quaternion_from_rpy(roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw)
 
@@ -22,7 +25,7 @@ def degrees(roll=0.0, pitch=0.0, yaw=0.0):
 # Rates
 
 
-def test_omega_matrix_as_printed():
+def test_omega_matrix_as_printed() -> None:
     """Omega has the rows of M20, and half of it times q is dq/dt."""
     assert attitude.omega_matrix([1, 2, 3]).tolist() == [[0, -1, -2, -3], [1, 0, 3, -2], [2, -3, 0, 1], [3, 2, -1, 0]]
     assert attitude.omega_matrix([0, 0, 0]).tolist() == np.zeros((4, 4)).tolist()
@@ -31,7 +34,7 @@ def test_omega_matrix_as_printed():
     close(0.5 * attitude.multiply(q, [0, *w]), attitude.quaternion_rate(q, w))
 
 
-def test_a_body_rate_turns_about_the_body_axis():
+def test_a_body_rate_turns_about_the_body_axis() -> None:
     """Rolled right by 90 deg, z points west: -90 deg/s about it for 1 s takes the nose straight up."""
     q = attitude.integrate(degrees(roll=90), np.radians([0, 0, -90]), 1.0)
     close(attitude.rotate(q, [1, 0, 0]), [0, 0, -1])
@@ -40,14 +43,14 @@ def test_a_body_rate_turns_about_the_body_axis():
     close(attitude.integrate(LEVEL, [0.0, 0.0, 1.0], -0.5), attitude.quaternion_from_rotvec([0, 0, -0.5]))
 
 
-def test_a_small_step_follows_the_quaternion_rate():
+def test_a_small_step_follows_the_quaternion_rate() -> None:
     """For a small step, integrate moves by dq/dt times the step."""
     q, w, dt = degrees(10, 20, 30), np.array([0.4, -1.0, 2.0]), 1e-6
     central = (attitude.integrate(q, w, dt) - attitude.integrate(q, w, -dt)) / (2 * dt)
     close(central, attitude.quaternion_rate(q, w), 1e-9)
 
 
-def test_rates_between_undo_a_step():
+def test_rates_between_undo_a_step() -> None:
     """The rates that lead from a to b are those that led there, of either sign, backwards too (M20)."""
     rng = np.random.default_rng(20)
     a, w = random_quaternions(rng, 500), rng.normal(size=(500, 3))
@@ -56,7 +59,7 @@ def test_rates_between_undo_a_step():
     assert np.isnan(attitude.body_rates_between(a[0], a[1], 0.0)).all()
 
 
-def test_euler_rates_by_hand():
+def test_euler_rates_by_hand() -> None:
     """Rolled right by 90 deg, the body's y points down: pitch rate about it is yaw rate; r is pitch rate reversed."""
     close(attitude.euler_rates_from_body_rates([0, 0, 0], [0, 1, 0]), [0, 1, 0])
     close(attitude.euler_rates_from_body_rates([np.pi / 2, 0, 0], [0, 1, 0]), [0, 0, 1])
@@ -66,7 +69,7 @@ def test_euler_rates_by_hand():
     assert np.isnan(attitude.euler_rates_from_body_rates([0, np.pi / 2, 0], [1, 1, 1])).all()
 
 
-def test_euler_rates_are_the_derivative_of_the_angles():
+def test_euler_rates_are_the_derivative_of_the_angles() -> None:
     """Roll, pitch and yaw of a turning body change as M20 says."""
     rng = np.random.default_rng(21)
     rpy = np.column_stack([rng.uniform(-3, 3, 300), rng.uniform(-1.3, 1.3, 300), rng.uniform(-3, 3, 300)])
@@ -81,7 +84,7 @@ def test_euler_rates_are_the_derivative_of_the_angles():
 # Hermite
 
 
-def test_hermite_meets_both_samples():
+def test_hermite_meets_both_samples() -> None:
     """At the ends the interpolant has the samples' attitudes and body rates (M18)."""
     rng = np.random.default_rng(22)
     q0, q1 = random_quaternions(rng, 2, 300)
@@ -94,7 +97,7 @@ def test_hermite_meets_both_samples():
     close(attitude.hermite(q0, q1, w0, w1, 0.3, 0.0)[0], q0)
 
 
-def test_hermite_rates_are_the_turning_of_its_attitudes():
+def test_hermite_rates_are_the_turning_of_its_attitudes() -> None:
     """Between the ends the rates given are those of the attitudes given."""
     rng = np.random.default_rng(23)
     q0, w0, w1 = random_quaternions(rng, 200), rng.normal(size=(200, 3)), rng.normal(size=(200, 3))
@@ -107,7 +110,7 @@ def test_hermite_rates_are_the_turning_of_its_attitudes():
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-12, 1e-5, 0.1, 3.0])
-def test_hermite_of_a_constant_rate_is_exact(size):
+def test_hermite_of_a_constant_rate_is_exact(size: float) -> None:
     """At a constant rate the interpolant is the motion itself, for steps of any size, backwards in time too."""
     w = size * np.array([0.6, 0.0, -0.8])
     q0 = degrees(10, 20, 30)
@@ -119,13 +122,13 @@ def test_hermite_of_a_constant_rate_is_exact(size):
     close(rates, [w, w], 4e-15)
 
 
-def test_hermite_follows_a_wobble_better_than_slerp():
+def test_hermite_follows_a_wobble_better_than_slerp() -> None:
     """On a coning motion sampled at 5 Hz its error is a small part of slerp's."""
 
-    def coning(t):
+    def coning(t: Array) -> Array:
         return attitude.quaternion_from_rotvec(0.5 * np.stack([np.cos(4 * t), np.sin(4 * t), 0 * t], axis=-1))
 
-    def rates(t):
+    def rates(t: Array) -> Array:
         return attitude.body_rates_between(coning(t - 1e-6), coning(t + 1e-6), 2e-6)
 
     t, h = np.linspace(0, 2, 11), 0.2
@@ -135,7 +138,7 @@ def test_hermite_follows_a_wobble_better_than_slerp():
     assert hermite.max() < 0.05 * attitude.angle_between(attitude.slerp(q0, q1, 0.5), truth).max()
 
 
-def test_hermite_does_not_extrapolate():
+def test_hermite_does_not_extrapolate() -> None:
     """Outside the two samples, and for samples at one instant, the answer is NaN."""
     q, w = attitude.hermite(LEVEL, LEVEL, [0, 0, 1], [0, 0, 1], [1, 1, 0], [-0.1, 1.1, 0.5])
     assert np.isnan(q).all()
@@ -145,7 +148,7 @@ def test_hermite_does_not_extrapolate():
 # Accelerometer
 
 
-def test_specific_force_at_rest():
+def test_specific_force_at_rest() -> None:
     """Level at rest reads -g on z in FRD, +g on a sensor whose z points up, 0 in free fall (M21)."""
     assert attitude.specific_force(LEVEL, [0, 0, 0]).tolist() == [0, 0, -G]
     assert attitude.flu_from_frd(attitude.specific_force(LEVEL, [0, 0, 0])).tolist() == [0, 0, G]
@@ -155,14 +158,14 @@ def test_specific_force_at_rest():
     close(attitude.specific_force(degrees(yaw=90), [0, 3, 0]), [3, 0, -G])
 
 
-def test_acceleration_of_a_specific_force():
+def test_acceleration_of_a_specific_force() -> None:
     """Reading -g on z means no acceleration, reading nothing means falling; forward at yaw 90 deg is east (M22)."""
     assert attitude.acceleration_ned(LEVEL, [0, 0, -G]).tolist() == [0, 0, 0]
     close(attitude.acceleration_ned(degrees(yaw=90), [2, 0, -G]), [0, 2, 0])
     close(attitude.acceleration_ned(degrees(pitch=90), [0, 0, 0]), [0, 0, G])
 
 
-def test_level_frame():
+def test_level_frame() -> None:
     """The level frame is NED turned by the yaw: forward stays forward, right stays right (M22)."""
     close(attitude.acceleration_level(degrees(yaw=37), [2, 1, -G]), [2, 1, 0])
     close(attitude.level_from_ned(degrees(yaw=90), [0, 5, 1]), [5, 0, 1])
@@ -174,7 +177,7 @@ def test_level_frame():
     close(attitude.acceleration_level(q, f), np.einsum("nij,nj->ni", R_hb, f) + np.array([0, 0, G]))
 
 
-def test_the_two_downs():
+def test_the_two_downs() -> None:
     """At rest the accelerometer's down is the attitude's; a 30 deg lie of the attitude shows as 30 deg (M23)."""
     q = degrees(20, -35, 120)
     f = attitude.specific_force(q, [0, 0, 0])
@@ -192,26 +195,26 @@ def test_the_two_downs():
     assert np.isnan(attitude.down_from_specific_force([0, 0, 0])).all()
 
 
-def test_hover():
+def test_hover() -> None:
     """T = m g when level, twice that at 60 deg of bank, negative upside down, none on the side (M23)."""
     assert attitude.hover_thrust(LEVEL, 1.5) == 1.5 * G
     close(attitude.hover_thrust(degrees(roll=60), 1.0), 2 * G, 1e-13)
     close(attitude.hover_thrust(degrees(pitch=45, roll=45, yaw=10), 1.0), 2 * G, 1e-13)
     close(attitude.hover_thrust(degrees(roll=180), 1.0), -G)
     assert np.isnan(attitude.hover_thrust([1, 1, 0, 0], 1.0))
-    thrust = attitude.hover_thrust(LEVEL, 2.0)
+    thrust = float(attitude.hover_thrust(LEVEL, 2.0))
     close(2.0 * attitude.acceleration_ned(LEVEL, [0, 0, -thrust / 2.0]), [0, 0, 0])
 
 
 # Rest
 
 
-def rest(n, rate_hz=10):
+def rest(n: int, rate_hz: float = 10) -> tuple[Array, Array, Array]:
     t = np.arange(n) / rate_hz
     return t, np.tile([0.0, 0.0, -G], (n, 1)), np.zeros((n, 3))
 
 
-def test_rest_is_known_after_three_seconds():
+def test_rest_is_known_after_three_seconds() -> None:
     """A quiet vehicle rests from the sample on at which the quiet has lasted 3 s."""
     assert attitude.at_rest(*rest(40)).tolist() == [False] * 30 + [True] * 10
     t, f, w = rest(80)
@@ -230,7 +233,7 @@ def test_rest_is_known_after_three_seconds():
         (G, 3, False),
     ],
 )
-def test_limits_of_rest(force, rate_deg_s, rests):
+def test_limits_of_rest(force: float, rate_deg_s: float, rests: bool) -> None:
     """The force is off g by less than 0.3 m/s^2 and the rate below 2.9 deg/s, about any axis."""
     t, f, w = rest(40)
     f[:] = force * np.array([0.6, 0.0, -0.8])
@@ -238,7 +241,7 @@ def test_limits_of_rest(force, rate_deg_s, rests):
     assert attitude.at_rest(t, f, w)[-1] == rests
 
 
-def test_rest_is_not_known_across_a_gap():
+def test_rest_is_not_known_across_a_gap() -> None:
     """What happened in a gap above 1 s is unknown: the 3 s count from its end."""
     t, f, w = rest(80)
     t[20:] += 1.0
@@ -248,7 +251,7 @@ def test_rest_is_not_known_across_a_gap():
     assert np.flatnonzero(attitude.at_rest(t, f, w))[0] == 22
 
 
-def test_others_may_deny_rest():
+def test_others_may_deny_rest() -> None:
     """A message that says 'armed and flying' outranks a quiet accelerometer."""
     t, f, w = rest(80)
     may_rest = np.arange(80) >= 20
@@ -257,14 +260,14 @@ def test_others_may_deny_rest():
     assert (attitude.RestWatch().feed(t, f, w) == attitude.at_rest(t, f, w, may_rest=True)).all()
 
 
-def test_a_bad_row_is_not_rest_and_ends_none():
+def test_a_bad_row_is_not_rest_and_ends_none() -> None:
     """A NaN among quiet samples is not known to rest; the samples around it are as if it were missing."""
     t, f, w = rest(60)
     f[10, 1], w[40, 0] = np.nan, np.inf
     assert np.flatnonzero(attitude.at_rest(t, f, w)).tolist() == [*range(30, 40), *range(41, 60)]
 
 
-def test_two_samples_at_one_instant_are_no_step_backwards():
+def test_two_samples_at_one_instant_are_no_step_backwards() -> None:
     """Doubled times are allowed: they add nothing to the motion, and end no rest."""
     t, f, w = rest(80)
     doubled = np.repeat(np.arange(80), 2)
@@ -279,7 +282,7 @@ def test_two_samples_at_one_instant_are_no_step_backwards():
 # Dead reckoning
 
 
-def test_constant_acceleration_is_integrated_exactly():
+def test_constant_acceleration_is_integrated_exactly() -> None:
     """2 m/s^2 forward with the nose east: after 4 s 8 m/s and 16 m east, bounds 0.3 t and 0.15 t^2 (M22)."""
     t = np.linspace(0, 4, 81)
     q = np.tile(degrees(yaw=90), (81, 1))
@@ -293,7 +296,7 @@ def test_constant_acceleration_is_integrated_exactly():
     assert velocity_bound.shape == displacement_bound.shape == (81,)
 
 
-def test_a_growing_acceleration_is_integrated_exactly():
+def test_a_growing_acceleration_is_integrated_exactly() -> None:
     """Acceleration that grows by 1 m/s^3, in three samples: t^2/2 and t^3/6."""
     t = np.array([0.0, 1.0, 3.0])
     f = np.column_stack([t, 0 * t, np.full(3, -G)])
@@ -302,7 +305,7 @@ def test_a_growing_acceleration_is_integrated_exactly():
     close(track.displacement_n_m[:, 0], t**3 / 6)
 
 
-def test_a_turning_vehicle_is_integrated_in_the_world():
+def test_a_turning_vehicle_is_integrated_in_the_world() -> None:
     """The integrals are taken in NED, not in the turning body: 2 m/s^2 to the right bends the way round."""
     t = np.arange(0, 6, 0.01)
     yaw = 0.5 * t
@@ -314,7 +317,7 @@ def test_a_turning_vehicle_is_integrated_in_the_world():
     close(track.displacement_n_m, circle, 1e-3)
 
 
-def test_rest_restarts_velocity_displacement_and_bounds():
+def test_rest_restarts_velocity_displacement_and_bounds() -> None:
     """Four seconds of rest, two of 3 m/s^2, two of braking, four of rest: zero at rest, 12 m at the stop."""
     t = np.arange(0, 12.01, 0.02)
     north = np.where((t > 4) & (t <= 6), 3.0, 0.0) - np.where((t > 6) & (t <= 8), 3.0, 0.0)
@@ -335,7 +338,7 @@ def test_rest_restarts_velocity_displacement_and_bounds():
         assert abs(track.displacement_n_m[i, 0] - way) < track.displacement_bound_m[i]
 
 
-def test_a_gentle_acceleration_is_not_rest():
+def test_a_gentle_acceleration_is_not_rest() -> None:
     """1 m/s^2 for 5 s on a level vehicle leaves |f| within 0.3 m/s^2 of g, and is still a motion."""
     t = np.arange(0, 5.01, 0.1)
     level, f = np.tile(LEVEL, (len(t), 1)), np.tile([1.0, 0.0, -G], (len(t), 1))
@@ -347,7 +350,7 @@ def test_a_gentle_acceleration_is_not_rest():
     assert attitude.dead_reckon(t, tilted, still).velocity_n_m_s[-1].tolist() == [0, 0, 0]
 
 
-def test_a_turning_vehicle_does_not_rest():
+def test_a_turning_vehicle_does_not_rest() -> None:
     """Turning on the spot is no rest, whether the attitudes or the gyro say so; nor where others deny it."""
     t, f, w = rest(60)
     level = np.tile(LEVEL, (60, 1))
@@ -359,7 +362,7 @@ def test_a_turning_vehicle_does_not_rest():
     assert attitude.dead_reckon(t, level, f, may_rest=False).velocity_bound_m_s[-1] == pytest.approx(0.3 * t[-1])
 
 
-def test_a_bad_row_is_bridged():
+def test_a_bad_row_is_bridged() -> None:
     """A row of NaN, or a zero quaternion, is NaN in all four results, and the others are as if it were missing."""
     rng = np.random.default_rng(25)
     t = np.arange(60) / 10.0
@@ -373,7 +376,7 @@ def test_a_bad_row_is_bridged():
         np.testing.assert_array_equal(np.delete(whole, bad, axis=0), part)
 
 
-def test_a_bad_row_ends_no_rest():
+def test_a_bad_row_ends_no_rest() -> None:
     """A row of NaN between quiet ones tells no rate: the rest goes on, and with it the motion of zero."""
     t, f, _ = rest(60)
     q = np.tile(LEVEL, (60, 1))
@@ -382,7 +385,7 @@ def test_a_bad_row_ends_no_rest():
     assert np.flatnonzero(track.velocity_bound_m_s == 0.0).tolist() == [0, *range(30, 45), *range(46, 60)]
 
 
-def test_the_past_does_not_depend_on_the_future():
+def test_the_past_does_not_depend_on_the_future() -> None:
     """Cut anywhere, the result is the beginning of the whole result, bit by bit; none and one sample are fine."""
     rng = np.random.default_rng(26)
     t = np.cumsum(rng.uniform(0.05, 0.15, 200))
@@ -407,15 +410,15 @@ def test_the_past_does_not_depend_on_the_future():
         ({"may_rest": [True, False]}, r"may_rest has shape \(2,\), expected \(\) or \(3,\)"),
     ],
 )
-def test_series_that_do_not_fit_are_refused(changes, message):
+def test_series_that_do_not_fit_are_refused(changes: dict[str, npt.ArrayLike], message: str) -> None:
     """Time that runs backwards and series of other lengths are named."""
-    arguments = {"t_s": [0.0, 1.0, 2.0], "q_nb": np.ones((3, 4)), "f_b": np.ones((3, 3))} | changes
+    fitting: dict[str, Any] = {"t_s": [0.0, 1.0, 2.0], "q_nb": np.ones((3, 4)), "f_b": np.ones((3, 3))}
     with pytest.raises(ValueError, match=message):
-        attitude.dead_reckon(**arguments)
+        attitude.dead_reckon(**(fitting | changes))
 
 
 @pytest.mark.parametrize("shape", [(), (2,), (4,), (3, 1)])
-def test_a_mask_of_rest_that_does_not_fit_is_refused(shape):
+def test_a_mask_of_rest_that_does_not_fit_is_refused(shape: tuple[int, ...]) -> None:
     """Where to restart is told for each sample, no more and no less."""
     with pytest.raises(ValueError, match=r"^resting has shape .*, expected \(3,\)$"):
         attitude.DeadReckoner().feed([0.0, 1.0, 2.0], np.ones((3, 4)), np.ones((3, 3)), np.zeros(shape, dtype=bool))

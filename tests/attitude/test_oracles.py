@@ -1,13 +1,17 @@
 """Independent oracles: SciPy's Rotation in bulk, mpmath with 40 digits where double precision cannot judge."""
 
+from collections.abc import Iterable, Iterator
+
 import mpmath as mp
 import numpy as np
+import numpy.typing as npt
 import pytest
 from scipy.spatial.transform import Rotation
 
 from gcs_bridge import attitude
-from tests.helpers.attitude_cases import random_quaternions, turn_between
+from tests.helpers.attitude_cases import Array, random_quaternions, turn_between
 
+Exact = list[mp.mpf]
 N = 100_000
 INTRINSIC = ["XYX", "XZX", "YXY", "YZY", "ZXZ", "ZYZ", "XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"]
 SEQUENCES = [letters for name in INTRINSIC for letters in (name, name.lower())]
@@ -15,40 +19,40 @@ PROPER = {name for name in SEQUENCES if name[0] == name[2]}
 
 
 @pytest.fixture(scope="module")
-def q():
+def q() -> Array:
     return random_quaternions(np.random.default_rng(1), N)
 
 
 @pytest.fixture(scope="module")
-def other():
+def other() -> Array:
     return random_quaternions(np.random.default_rng(2), N)
 
 
 @pytest.fixture(autouse=True)
-def forty_digits():
+def forty_digits() -> Iterator[None]:
     with mp.workdps(40):
         yield
 
 
-def rotation(q):
+def rotation(q: Array) -> Rotation:
     return Rotation.from_quat(attitude.xyzw_from_wxyz(q))
 
 
-def close(got, expected, tolerance=1e-14):
-    np.testing.assert_allclose(got, expected, rtol=0.0, atol=tolerance)
+def close(got: npt.ArrayLike, expected: npt.ArrayLike, tolerance: float = 1e-14) -> None:
+    np.testing.assert_allclose(np.asarray(got), np.asarray(expected), rtol=0.0, atol=tolerance)
 
 
 # SciPy
 
 
-def test_matrices(q):
+def test_matrices(q: Array) -> None:
     """1e5 random rotations have SciPy's matrices, and its quaternions back."""
     R = rotation(q).as_matrix()
     close(attitude.matrix_from_quaternion(q), R)
     assert turn_between(attitude.quaternion_from_matrix(R), q).max() < 1e-14
 
 
-def test_rotation_vectors(q):
+def test_rotation_vectors(q: Array) -> None:
     """1e5 random rotations have SciPy's rotation vectors, both ways."""
     v = rotation(q).as_rotvec()
     close(attitude.rotvec_from_quaternion(q), v, 1e-13)
@@ -58,7 +62,7 @@ def test_rotation_vectors(q):
     assert turn_between(attitude.quaternion_from_axis_angle(3.0 * v, angle), q).max() < 1e-14
 
 
-def test_products_vectors_and_distances(q, other):
+def test_products_vectors_and_distances(q: Array, other: Array) -> None:
     """Products, turned vectors and distances of 1e5 random pairs are SciPy's."""
     v = np.random.default_rng(3).normal(size=(N, 3))
     a, b = rotation(q), rotation(other)
@@ -69,7 +73,7 @@ def test_products_vectors_and_distances(q, other):
 
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
-def test_euler_angles(q, sequence):
+def test_euler_angles(q: Array, sequence: str) -> None:
     """All 24 sequences of 1e5 random rotations agree with SciPy to 1e-12 rad away from their singularities."""
     expected = rotation(q).as_euler(sequence)
     got = attitude.euler_from_quaternion(q, sequence)
@@ -84,7 +88,7 @@ def test_euler_angles(q, sequence):
     close(difference - 2 * np.pi * np.round(difference / (2 * np.pi)), 0.0, 1e-12)
 
 
-def test_means(q):
+def test_means(q: Array) -> None:
     """The mean of a cluster of attitudes is SciPy's."""
     cluster = attitude.multiply(
         q[0], attitude.quaternion_from_rotvec(0.3 * np.random.default_rng(4).normal(size=(50, 3)))
@@ -92,13 +96,13 @@ def test_means(q):
     assert turn_between(attitude.mean(cluster), attitude.wxyz_from_xyzw(rotation(cluster).mean().as_quat())) < 1e-13
 
 
-def test_nearest_rotations(q):
+def test_nearest_rotations(q: Array) -> None:
     """A noisy matrix is brought to SciPy's nearest rotation, whose determinant is +1."""
     noisy = attitude.matrix_from_quaternion(q[:500]) + 0.05 * np.random.default_rng(5).normal(size=(500, 3, 3))
     close(attitude.nearest_rotation(noisy), Rotation.from_matrix(noisy).as_matrix(), 1e-12)
 
 
-def test_nearest_rotations_of_anything():
+def test_nearest_rotations_of_anything() -> None:
     """Of random matrices, half of them reflections, it is Davenport's: the q with the largest tr(R^T M) = q^T K q."""
     given = np.random.default_rng(6).normal(size=(500, 3, 3))
     assert 200 < (np.linalg.det(given) < 0).sum() < 300
@@ -113,7 +117,7 @@ def test_nearest_rotations_of_anything():
 # mpmath
 
 
-def mp_product(a, b):
+def mp_product(a: Exact, b: Exact) -> Exact:
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return [
@@ -124,15 +128,15 @@ def mp_product(a, b):
     ]
 
 
-def mp_conjugate(q):
+def mp_conjugate(q: Exact) -> Exact:
     return [q[0], -q[1], -q[2], -q[3]]
 
 
-def mp_exact(q):
+def mp_exact(q: Iterable[float]) -> Exact:
     return [mp.mpf(float(part)) for part in q]
 
 
-def mp_euler(angles, sequence):
+def mp_euler(angles: Iterable[float], sequence: str) -> Exact:
     """The rotation that three angles describe, by three elementary quaternions."""
     q = [mp.mpf(1), mp.mpf(0), mp.mpf(0), mp.mpf(0)]
     for letter, angle in zip(sequence, angles, strict=True):
@@ -143,12 +147,12 @@ def mp_euler(angles, sequence):
     return q
 
 
-def mp_angle(a, b):
+def mp_angle(a: Exact, b: Exact) -> mp.mpf:
     w, x, y, z = mp_product(mp_conjugate(a), b)
     return 2 * mp.atan2(mp.sqrt(x * x + y * y + z * z), abs(w))
 
 
-def mp_log(q):
+def mp_log(q: Exact) -> Exact:
     w, *v = q
     size = mp.sqrt(sum(part * part for part in v))
     if size == 0:
@@ -157,12 +161,12 @@ def mp_log(q):
     return [part * angle / size for part in v]
 
 
-def mp_exp(v):
+def mp_exp(v: Exact) -> Exact:
     angle = mp.sqrt(sum(part * part for part in v))
     return [mp.cos(angle / 2), *(part * mp.sin(angle / 2) / angle if angle else mp.mpf(0) for part in v)]
 
 
-def mp_matrix(q):
+def mp_matrix(q: Exact) -> list[Exact]:
     w, x, y, z = q
     n = w * w + x * x + y * y + z * z
     return [
@@ -172,12 +176,12 @@ def mp_matrix(q):
     ]
 
 
-def poles(sequence):
+def poles(sequence: str) -> tuple[float, float]:
     """The middle angles at which a sequence is singular (M7)."""
     return (0.0, np.pi) if sequence in PROPER else (-np.pi / 2, np.pi / 2)
 
 
-def near_poles(sequence):
+def near_poles(sequence: str) -> Iterator[float]:
     """Middle angles at each singularity exactly, one float away, and at distances down from 1e-3."""
     for pole in poles(sequence):
         inward = 1.0 if pole <= 0 else -1.0
@@ -187,7 +191,7 @@ def near_poles(sequence):
 
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
-def test_at_and_near_the_poles(sequence):
+def test_at_and_near_the_poles(sequence: str) -> None:
     """There angles describe the rotation to 5e-15 rad, of float64 and of float32 quaternions and of matrices.
 
     The mask tells those nearer than its tolerance, and at the pole itself the angle listed last is zero (M5).
@@ -210,7 +214,7 @@ def test_at_and_near_the_poles(sequence):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_pitch_near_the_vertical_keeps_its_digits(sign):
+def test_pitch_near_the_vertical_keeps_its_digits(sign: int) -> None:
     """Pitch itself, 1e-9 rad from the pole, is right to 1e-15 rad, where asin would lose 7 digits (M14)."""
     for distance in (1e-3, 1e-6, 1e-9, 1e-12):
         pitch = sign * (np.pi / 2 - distance)
@@ -222,7 +226,7 @@ SIZES_RAD = [1e-200, 1e-30, 1e-16, 1e-9, 1e-4, 1.0, 3.0, np.pi - 1e-9, np.pi - 1
 
 
 @pytest.mark.parametrize("size", SIZES_RAD)
-def test_exp_and_log_at_both_ends(size):
+def test_exp_and_log_at_both_ends(size: float) -> None:
     """Rotation vectors from 1e-200 rad to half a turn keep every digit, relative to their size, as do turns (M9)."""
     v = size * np.array([0.48, -0.6, 0.64])
     exact = mp_exp(mp_exact(v))
@@ -236,7 +240,7 @@ def test_exp_and_log_at_both_ends(size):
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-16, 1e-15, 1e-12, 1e-8, 1e-4, 1.0, np.pi - 1e-8])
-def test_distance_is_exact(size):
+def test_distance_is_exact(size: float) -> None:
     """Of two given quaternions the distance is exact to 1e-15 rad, near zero and near half a turn (M17)."""
     for start in random_quaternions(np.random.default_rng(7), 5):
         end = attitude.multiply(start, attitude.quaternion_from_rotvec(size * np.array([0.48, -0.6, 0.64])))
@@ -245,7 +249,7 @@ def test_distance_is_exact(size):
 
 
 @pytest.mark.parametrize("size", [1e-12, 1e-8, 1e-5, 0.1, 2.0])
-def test_slerp_of_small_and_large_steps(size):
+def test_slerp_of_small_and_large_steps(size: float) -> None:
     """The interpolated attitude is a * exp(t log(a* b)) to the last digits, for tiny steps too (M18)."""
     start = random_quaternions(np.random.default_rng(8))
     end = attitude.multiply(start, attitude.quaternion_from_rotvec(size * np.array([0.48, -0.6, 0.64])))
@@ -256,12 +260,12 @@ def test_slerp_of_small_and_large_steps(size):
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-12, 1e-6, 0.9e-4, 1.1e-4, 1e-2, 1.0, 3.0, 5.0])
-def test_right_jacobian_inverse_is_the_derivative_of_the_log(size):
+def test_right_jacobian_inverse_is_the_derivative_of_the_log(size: float) -> None:
     """J_r^-1(phi) w is d/dt log(exp(phi) exp(w t)) by 40 digits, with a small step and to 1e-15."""
     phi, w = size * np.array([0.48, -0.6, 0.64]), np.array([0.3, 0.5, -0.7])
     step = mp.mpf(10) ** -18
 
-    def moved(sign):
+    def moved(sign: int) -> Exact:
         turn = mp_product(mp_exp(mp_exact(phi)), mp_exp([sign * step * part for part in mp_exact(w)]))
         log = mp_log(turn)
         if size > np.pi:  # the derivative of the vector itself, not of its short form
@@ -274,7 +278,7 @@ def test_right_jacobian_inverse_is_the_derivative_of_the_log(size):
         assert abs(part - truth) < 2e-15 * (1 + size)
 
 
-def test_hermite_against_its_definition():
+def test_hermite_against_its_definition() -> None:
     """The interpolant is q0 * exp of the cubic through log and slopes, written out in 40 digits (M18)."""
     rng = np.random.default_rng(9)
     for size in (1e-6, 0.3, 2.5):

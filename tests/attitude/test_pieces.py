@@ -4,17 +4,18 @@ import numpy as np
 import pytest
 
 from gcs_bridge import attitude
+from tests.helpers.attitude_cases import Array
 
 G = attitude.G_M_S2
 
 
-def pieces(n, rng):
+def pieces(n: int, rng: np.random.Generator) -> list[slice]:
     """Slices that cut n rows at random, empty ones and single rows among them."""
     cuts = np.sort(rng.integers(0, n + 1, size=rng.integers(1, n)))
     return [slice(a, b) for a, b in zip([0, *cuts], [*cuts, n], strict=True)]
 
 
-def flight(rng, n=600):
+def flight(rng: np.random.Generator, n: int = 600) -> tuple[Array, Array, Array, Array]:
     """Rest, motion and rest again at 10 Hz or so, with doubled and late times, a gap and rows of no meaning."""
     t = np.cumsum(rng.choice([0.0, 0.05, 0.1, 0.2], size=n))
     t[5 * n // 12 :] += 1.5
@@ -29,7 +30,7 @@ def flight(rng, n=600):
     return t, q, f, w
 
 
-def reckon(t, q, f, w, slices):
+def reckon(t: Array, q: Array, f: Array, w: Array, slices: list[slice]) -> Array:
     """Rest and motion of rows fed piece by piece, as one array."""
     watch, reckoner, rows = attitude.RestWatch(), attitude.DeadReckoner(), []
     for of in slices:
@@ -40,7 +41,7 @@ def reckon(t, q, f, w, slices):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_pieces_give_what_the_whole_gives(seed):
+def test_pieces_give_what_the_whole_gives(seed: int) -> None:
     """Rest, motion and bounds are the same bit for bit, however the samples were cut."""
     rng = np.random.default_rng(seed)
     rows = flight(rng)
@@ -50,14 +51,14 @@ def test_pieces_give_what_the_whole_gives(seed):
     assert 0 < np.nansum(whole[:, 0]) < len(whole) - 200
 
 
-def test_a_late_row_is_passed_over():
+def test_a_late_row_is_passed_over() -> None:
     """A row older than one before it is not known, and all the others are as if it had never come."""
     t = np.arange(60) / 10
     f, w, q = np.tile([0.1, 0, -G], (60, 1)), np.zeros((60, 3)), np.tile([1.0, 0, 0, 0], (60, 1))
     f[45:, 0] = 2.0
     without = reckon(t, q, f, w, [slice(None)])
-    late = [np.insert(rows, 50, rows[20], axis=0) for rows in (t, q, f, w)]
-    found = reckon(*late, [slice(None)])
+    t, q, f, w = (np.insert(rows, 50, rows[20], axis=0) for rows in (t, q, f, w))
+    found = reckon(t, q, f, w, [slice(None)])
     assert not found[50, 0]
     assert np.isnan(found[50, 1:]).all()
     assert np.array_equal(np.delete(found, 50, axis=0), without)
@@ -65,7 +66,7 @@ def test_a_late_row_is_passed_over():
     assert without[59, 1] == pytest.approx(0.5 * (0.1 + 2.0) * 0.1 + 14 * 0.2)
 
 
-def test_rest_leaves_damage_behind():
+def test_rest_leaves_damage_behind() -> None:
     """An absurd force that a damaged message made is gone with the next rest: what follows has all its digits."""
     t = np.arange(90) / 10
     f, w, q = np.tile([0.0, 0, -G], (90, 1)), np.zeros((90, 3)), np.tile([1.0, 0, 0, 0], (90, 1))

@@ -3,44 +3,51 @@
 import inspect
 import re
 import warnings
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 import pytest
 
 from gcs_bridge import attitude
 from gcs_bridge.attitude import _rows
-from tests.helpers.attitude_cases import CASES, QUATERNION, SHARE, array_arguments, outputs, random_arguments
+from tests.helpers.attitude_cases import CASES, QUATERNION, SHARE, Arguments, array_arguments, outputs, random_arguments
 
+Function = Callable[..., Any]  # one of the package: what it takes and gives is what these tests look at
 NOT_ROW_WISE = {"DeadReckoner", "DeadReckoning", "G_M_S2", "RestWatch", "at_rest", "continuous", "dead_reckon", "mean"}
 
 
 @pytest.fixture(params=sorted(CASES))
-def name(request):
-    return request.param
+def name(request: pytest.FixtureRequest) -> str:
+    name: str = request.param
+    return name
 
 
 @pytest.fixture
-def function(name):
-    return getattr(attitude, name)
+def function(name: str) -> Function:
+    function: Function = getattr(attitude, name)
+    return function
 
 
 @pytest.fixture
-def rng(name):
+def rng(name: str) -> np.random.Generator:
     return np.random.default_rng(sorted(CASES).index(name))
 
 
-def cut(arguments, arrays, rows):
+def cut(arguments: Arguments, arrays: Iterable[str], rows: int | slice) -> Arguments:
     return {key: value[rows] if key in arrays else value for key, value in arguments.items()}
 
 
-def test_every_function_has_its_case():
+def test_every_function_has_its_case() -> None:
     """The laws below hold for all that is exported, the few functions of whole series aside."""
     assert set(CASES) | NOT_ROW_WISE == set(attitude.__all__)
     for name, case in CASES.items():
         assert set(case) <= set(inspect.signature(getattr(attitude, name)).parameters)
 
 
-def test_a_row_has_the_same_bits_alone_and_in_any_batch(name, function, rng):
+def test_a_row_has_the_same_bits_alone_and_in_any_batch(
+    name: str, function: Function, rng: np.random.Generator
+) -> None:
     """A batch longer than a block equals its pieces of 1, 2, 3, 7, 64 and 1000 rows, byte by byte."""
     arrays = array_arguments(name)
     n = _rows.BLOCK + 77
@@ -59,7 +66,7 @@ def test_a_row_has_the_same_bits_alone_and_in_any_batch(name, function, rng):
         assert part.tobytes() == full[5].tobytes()
 
 
-def test_layout_and_type_do_not_matter(name, function, rng):
+def test_layout_and_type_do_not_matter(name: str, function: Function, rng: np.random.Generator) -> None:
     """Reversed views and nested lists give what contiguous arrays give."""
     arrays = array_arguments(name)
     arguments = random_arguments(name, rng, 9)
@@ -71,7 +78,7 @@ def test_layout_and_type_do_not_matter(name, function, rng):
             assert part.tobytes() == full.tobytes()
 
 
-def test_arguments_stay_untouched(name, function, rng):
+def test_arguments_stay_untouched(name: str, function: Function, rng: np.random.Generator) -> None:
     """No function writes into its arguments."""
     arguments = random_arguments(name, rng, 3)
     for key in array_arguments(name):
@@ -79,7 +86,7 @@ def test_arguments_stay_untouched(name, function, rng):
     function(**arguments)
 
 
-def test_broadcasting_equals_the_loop(name, function, rng):
+def test_broadcasting_equals_the_loop(name: str, function: Function, rng: np.random.Generator) -> None:
     """Leading dimensions (5, 1) and (3) of the arguments meet as (5, 3), also when the batch exceeds a block."""
     arrays = array_arguments(name)
     for tall, wide in ((5, 3), (2, _rows.BLOCK)):
@@ -94,7 +101,9 @@ def test_broadcasting_equals_the_loop(name, function, rng):
                 assert part.tobytes() == full[place].tobytes()
 
 
-def test_a_meaningless_row_becomes_nan_and_disturbs_no_other(name, function, rng):
+def test_a_meaningless_row_becomes_nan_and_disturbs_no_other(
+    name: str, function: Function, rng: np.random.Generator
+) -> None:
     """NaN or infinity anywhere, or a zero quaternion, spoil their whole row and no bit of another, with no warning."""
     arrays = array_arguments(name)
     n, bad = 12, 7
@@ -102,7 +111,9 @@ def test_a_meaningless_row_becomes_nan_and_disturbs_no_other(name, function, rng
     healthy = outputs(function(**arguments))
     for key, tail in arrays.items():
         places = list(np.ndindex(*tail))
-        spoilt = [(place, value) for place in places for value in (np.nan, np.inf, -np.inf, 1e300)]
+        spoilt: list[tuple[Any, float]] = [
+            (place, value) for place in places for value in (np.nan, np.inf, -np.inf, 1e300)
+        ]
         if CASES[name][key] == QUATERNION:
             spoilt += [(..., 0.0), (..., np.inf), (..., 1e-300), (..., 1e-80), (..., 1e80)]
         if CASES[name][key] == SHARE:
@@ -119,7 +130,7 @@ def test_a_meaningless_row_becomes_nan_and_disturbs_no_other(name, function, rng
                 assert np.delete(part, bad, axis=0).tobytes() == np.delete(before, bad, axis=0).tobytes()
 
 
-def test_no_zero_has_a_sign(name, function):
+def test_no_zero_has_a_sign(name: str, function: Function) -> None:
     """Quarter and half turns about the axes, and vectors along them, give zeros, and none of them prints as -0."""
     rows = {
         "quaternion": [[1, 0, 0, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, -1], [1, -0.0, 0, -0.0]],
@@ -133,7 +144,7 @@ def test_no_zero_has_a_sign(name, function):
         assert not (np.signbit(part.astype(float)) & (part == 0.0)).any()
 
 
-def test_damage_begins_above_1e75():
+def test_damage_begins_above_1e75() -> None:
     """A number of 1e75 is taken as it is, the next float is not; nor is a quaternion shorter than 1e-75."""
     for axis in (*np.eye(3), *-np.eye(3)):
         largest, beyond = 1e75 * axis, np.nextafter(1e75, np.inf) * axis
@@ -144,13 +155,13 @@ def test_damage_begins_above_1e75():
     assert lost.tolist() == [True, False, False, True]
 
 
-def test_no_rows_are_fine(name, function, rng):
+def test_no_rows_are_fine(name: str, function: Function, rng: np.random.Generator) -> None:
     """A batch of no rows gives no rows."""
     for part in outputs(function(**random_arguments(name, rng, 0))):
         assert part.shape[0] == 0
 
 
-def test_a_wrong_shape_is_named(name, function, rng):
+def test_a_wrong_shape_is_named(name: str, function: Function, rng: np.random.Generator) -> None:
     """ValueError says which argument, which shape it has and which was expected."""
     for key, tail in array_arguments(name).items():
         arguments = random_arguments(name, rng, 2)
@@ -167,14 +178,14 @@ def test_a_wrong_shape_is_named(name, function, rng):
                 function(**arguments)
 
 
-def test_text_is_no_number(name, function, rng):
+def test_text_is_no_number(name: str, function: Function, rng: np.random.Generator) -> None:
     """ValueError says which argument is not numbers at all."""
     for key in array_arguments(name):
         with pytest.raises(ValueError, match=f"^{key} is not an array of real numbers"):
             function(**(random_arguments(name, rng, 2) | {key: "north"}))
 
 
-def test_leading_dimensions_that_do_not_meet_are_named():
+def test_leading_dimensions_that_do_not_meet_are_named() -> None:
     """ValueError lists every argument's leading dimensions."""
     with pytest.raises(ValueError, match=r"leading dimensions do not broadcast: a \(3,\), b \(5,\)"):
         attitude.multiply(np.ones((3, 4)), np.ones((5, 4)))
@@ -183,7 +194,7 @@ def test_leading_dimensions_that_do_not_meet_are_named():
 @pytest.mark.parametrize(
     "sequence", ["", "ZY", "ZYXZ", "ZZX", "XYY", "ZyX", "ABC", "123", "Z Y", 5, None, ["Z", "Y", "X"]]
 )
-def test_unknown_sequences_are_refused(sequence):
+def test_unknown_sequences_are_refused(sequence: Any) -> None:
     """Anything but three axes of one case with no two neighbours alike is named and refused."""
     q, angles, R = np.ones(4), np.ones(3), np.eye(3)
     for call in (
@@ -198,35 +209,38 @@ def test_unknown_sequences_are_refused(sequence):
 
 
 @pytest.mark.parametrize("axis", ["w", "", "xy", 0, None])
-def test_unknown_axes_are_refused(axis):
+def test_unknown_axes_are_refused(axis: Any) -> None:
     """An elementary rotation is about x, y or z."""
     with pytest.raises(ValueError, match=r"axis is .*, expected 'x', 'y' or 'z'"):
         attitude.elementary_rotation(axis, 1.0)
 
 
 @pytest.mark.parametrize("function", [attitude.mean, attitude.continuous])
-def test_series_of_a_wrong_shape_are_named(function):
+def test_series_of_a_wrong_shape_are_named(function: Function) -> None:
     """A single quaternion is no series."""
     for shape in ((4,), (3, 3), ()):
         with pytest.raises(ValueError, match=r"^q has shape .*, expected \(\.\.\., n, 4\)$"):
             function(np.ones(shape))
 
 
-def test_a_wrong_call_is_a_type_error():
+def test_a_wrong_call_is_a_type_error() -> None:
     """Too many, too few, doubled or unknown arguments are Python's own errors."""
     q = np.ones(4)
-    for call in (
-        lambda: attitude.multiply(q),
-        lambda: attitude.multiply(q, q, q),
-        lambda: attitude.multiply(q, q, a=q),
-        lambda: attitude.multiply(q, c=q),
-        lambda: attitude.quaternion_from_rpy(0, 0, 0),
-    ):
+    multiply: Function = attitude.multiply
+    from_rpy: Function = attitude.quaternion_from_rpy
+    calls: list[Callable[[], Any]] = [
+        lambda: multiply(q),
+        lambda: multiply(q, q, q),
+        lambda: multiply(q, q, a=q),
+        lambda: multiply(q, c=q),
+        lambda: from_rpy(0, 0, 0),
+    ]
+    for call in calls:
         with pytest.raises(TypeError):
             call()
 
 
-def test_arguments_may_be_named():
+def test_arguments_may_be_named() -> None:
     """Positional and named arguments mean the same."""
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=(2, 3, 4))

@@ -100,7 +100,7 @@ def test_the_euler_angles_alone() -> None:
 def imu_of(records: Sequence[Record], cuts: Sequence[int] = ()) -> tuple[list[str], Array, Array]:
     """Sources of the chosen samples, their times in seconds of flight, and their rates."""
     parts = [seen.flight.imu for seen in observed(records, cuts)]
-    samples = [part.samples for part in parts if part is not None]
+    samples = [part for part in parts if part is not None]
     names = [sample.source for sample in samples for _ in range(len(sample))]
     times = np.concatenate([sample.t_boot_us for sample in samples]) / 1e6 - BOOT_S
     return names, times, np.concatenate([sample.w_b_rad_s for sample in samples])
@@ -164,14 +164,14 @@ SIZE = len(tlog(JITTERED))
 def columns(cuts: Sequence[int]) -> list[bytes]:
     """Everything that a flight hands on, column by column over all batches."""
     seen = [one.flight for one in observed(JITTERED, cuts)]
-    imu = [flight.imu.samples for flight in seen if flight.imu is not None]
-    parts: list[list[Array]] = [
+    imu = [flight.imu for flight in seen if flight.imu is not None]
+    parts: list[list[NDArray[Any]]] = [
         [flight.attitude.t_us for flight in seen],
         [flight.attitude.frame_index for flight in seen],
         [flight.attitude.rows for flight in seen],
-        [flight.may_rest for flight in seen],
-        [flight.stands for flight in seen],
-        [flight.trim_b_rad for flight in seen],
+        [samples.may_rest for samples in imu],
+        [samples.stands for samples in imu],
+        [samples.trim_b_rad for samples in imu],
         [samples.t_boot_us for samples in imu],
         [samples.f_b_m_s2 for samples in imu],
         [samples.w_b_rad_s for samples in imu],
@@ -196,8 +196,9 @@ def whole_columns() -> list[bytes]:
 
 def rests(seconds: float = 4.0, **said: Any) -> tuple[Array, Array]:
     """Where the vehicle may rest, and where it stands, at each of 10 samples a second."""
-    seen = [one.flight for one in observed(Craft(**{"imu": true, "hz": 10, **said}).records(seconds))]
-    return np.concatenate([flight.may_rest for flight in seen]), np.concatenate([flight.stands for flight in seen])
+    seen = [one.flight.imu for one in observed(Craft(**{"imu": true, "hz": 10, **said}).records(seconds))]
+    imu = [samples for samples in seen if samples is not None]
+    return np.concatenate([samples.may_rest for samples in imu]), np.concatenate([samples.stands for samples in imu])
 
 
 def test_disarmed_or_landed_it_stands() -> None:

@@ -2,7 +2,18 @@
 
 import pytest
 
-from tests.helpers.craft import Craft, alarms, between, check, judged, rates_off, spinning, swaying, with_rates
+from tests.helpers.craft import (
+    Craft,
+    alarms,
+    between,
+    check,
+    judged,
+    one_sided,
+    rates_off,
+    spinning,
+    swaying,
+    with_rates,
+)
 
 TURNING = spinning(deg_s=20)  # steady: nothing of a difference is the motion's own
 FAULT_S = (4.0, 8.0)
@@ -14,7 +25,7 @@ FAULT_S = (4.0, 8.0)
 @pytest.mark.parametrize("side", ["euler", "quaternion"])
 def test_rates_that_differ(side: str, off_deg_s: float, severity: str) -> None:
     """In a steady turn, rates 2 °/s apart are a warning and 10 °/s apart an alarm, on whichever side they are wrong."""
-    vehicle = judged(Craft(turn=TURNING, **{side: between(*FAULT_S, rates_off(0, off_deg_s, 0))}), 12)
+    vehicle = judged(Craft(turn=TURNING, **one_sided(side, between(*FAULT_S, rates_off(0, off_deg_s, 0)))), 12)
     (alarm,) = [alarm for alarm in alarms(vehicle, "body_rates") if alarm["severity"] == severity]
     assert severity == "alarm" or len(alarms(vehicle, "body_rates")) == 1
     assert alarm["what"] == "the body rates of ATTITUDE and ATTITUDE_QUATERNION differ"

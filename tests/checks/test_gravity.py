@@ -27,6 +27,7 @@ from tests.helpers.craft import (
     still,
     true,
     turned_in_body,
+    two_sided,
     velocity,
 )
 
@@ -68,7 +69,7 @@ def test_smaller_errors_at_rest(deg: Sequence[float], severity: str | None) -> N
 
 def test_rest_must_have_lasted_for_three_seconds() -> None:
     """An attitude 12° off from the beginning is bad from 3.0 s on, when rest is known."""
-    vehicle = judged(Craft(**{side: turned_in_body(12, 0, 0) for side in ("euler", "quaternion")}, imu=true, hz=HZ), 10)
+    vehicle = judged(Craft(**two_sided(turned_in_body(12, 0, 0)), imu=true, hz=HZ), 10)
     assert alarms(vehicle, "gravity")[0]["raised_boot_s"] == pytest.approx(3.0 + 0.2 + 1.0)
 
 

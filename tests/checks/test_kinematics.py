@@ -16,20 +16,18 @@ from tests.helpers.craft import (
     between,
     check,
     judged,
+    one_sided,
     rotvec,
     spinning,
     swaying,
     told,
+    two_sided,
     watched,
     with_rates,
 )
 
 SIDES = {"euler": "ATTITUDE", "quaternion": "ATTITUDE_QUATERNION"}
 SWAY = swaying((0, 1, 0), by_deg=20, period_s=4)  # 31 °/s at most: 1.6° from sample to sample at 20 Hz
-
-
-def both(change: Change) -> dict[str, Any]:
-    return {"euler": change, "quaternion": change}
 
 
 # --- steps -----------------------------------------------------------------------------------------------------------
@@ -44,7 +42,7 @@ def backwards(rates: float) -> Change:
 @pytest.mark.parametrize("side", SIDES)
 def test_a_stream_that_turns_the_other_way(side: str) -> None:
     """6° from sample to sample to the left while its rates say 6° to the right: 12° a step, an alarm of that stream."""
-    craft = Craft(turn=spinning(deg_s=60), hz=10, **{side: between(5, 9, backwards(60))})
+    craft = Craft(turn=spinning(deg_s=60), hz=10, **one_sided(side, between(5, 9, backwards(60))))
     vehicle = judged(craft, 20)
     (alarm,) = alarms(vehicle, "kinematics")
     assert alarm["severity"] == "alarm"
@@ -65,7 +63,7 @@ def shaken(deg: float, hz: float = 20) -> Change:
 @pytest.mark.parametrize(("deg", "alarm"), [(2.6, True), (1.9, False)])
 def test_the_limit_of_a_step(deg: float, alarm: bool) -> None:
     """Turning at 2 °/s, at 20 Hz, the limit is 2.2 + 0.002·2 + 1.5·0.05·0.1·2 = 2.22°: 2.6° is beyond, 1.9° within."""
-    found = alarms(judged(Craft(**both(between(5, 12, shaken(deg)))), 18), "kinematics")
+    found = alarms(judged(Craft(**two_sided(between(5, 12, shaken(deg)))), 18), "kinematics")
     assert {one["severity"] for one in found} == ({"alarm"} if alarm else set())
     assert len(found) == (2 if alarm else 0)
 
@@ -74,7 +72,7 @@ def test_the_limit_of_a_step(deg: float, alarm: bool) -> None:
 def test_the_limit_of_a_step_while_turning(deg: float, alarm: bool) -> None:
     """At 60 °/s and 10 Hz the limit is 2.2 + 0.002·60 + 1.5·0.1·0.1·60 = 3.22°: 3.5° is beyond, 2.9° within."""
     shaking = between(5, 12, shaken(deg, 10))
-    found = alarms(judged(Craft(turn=spinning(deg_s=60), hz=10, **both(shaking)), 18), "kinematics")
+    found = alarms(judged(Craft(turn=spinning(deg_s=60), hz=10, **two_sided(shaking)), 18), "kinematics")
     assert [one["severity"] for one in found] == (["alarm", "alarm"] if alarm else [])
 
 
@@ -85,7 +83,9 @@ def test_the_limit_of_a_step_while_turning(deg: float, alarm: bool) -> None:
 @pytest.mark.parametrize("side", SIDES)
 def test_rates_of_another_scale(side: str, factor: float) -> None:
     """Slopes of 1/1.5 and 1/0.68 from the beginning: with 8 s of them, and 5 s more of waiting, a warning."""
-    (warning,) = alarms(judged(Craft(turn=SWAY, **{side: with_rates(lambda rates: factor * rates)}), 25), "kinematics")
+    (warning,) = alarms(
+        judged(Craft(turn=SWAY, **one_sided(side, with_rates(lambda rates: factor * rates))), 25), "kinematics"
+    )
     assert warning["severity"] == "warning"
     assert warning["what"] == f"the rates of {SIDES[side]} have another scale than its turn"
     assert warning["raised_boot_s"] == pytest.approx(8.0 + 5.0, abs=0.15)
@@ -95,14 +95,14 @@ def test_rates_of_another_scale(side: str, factor: float) -> None:
 
 def test_rates_in_the_wrong_sense_of_slow_motion() -> None:
     """Rates of the other sign in motion too slow for single steps: a warning of the scale."""
-    found = alarms(judged(Craft(turn=swaying(by_deg=8, period_s=4), **both(with_rates(lambda rates: -rates))), 25))
+    found = alarms(judged(Craft(turn=swaying(by_deg=8, period_s=4), **two_sided(with_rates(lambda rates: -rates))), 25))
     assert [alarm["severity"] for alarm in found if alarm["check"] == "kinematics"] == ["warning", "warning"]
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.75, 1.4])
 def test_rates_of_nearly_the_right_scale(factor: float) -> None:
     """A slope of turn against rate between 0.7 and 1.4 (1/1.4 = 0.71, 1/0.75 = 1.33) is healthy."""
-    vehicle = judged(Craft(turn=SWAY, **both(with_rates(lambda rates: factor * rates))), 30)
+    vehicle = judged(Craft(turn=SWAY, **two_sided(with_rates(lambda rates: factor * rates))), 30)
     assert alarms(vehicle) == []
     assert check(vehicle, "kinematics")["verdict"] == "agree"
 
@@ -110,13 +110,13 @@ def test_rates_of_nearly_the_right_scale(factor: float) -> None:
 def test_too_little_motion_shows_no_scale() -> None:
     """Swaying by 2° (2.2 °/s in the mean square, 4.4 as reported, below 5) is too little to tell the rates' scale."""
     slow = swaying(by_deg=2, period_s=4)
-    assert alarms(judged(Craft(turn=slow, **both(with_rates(lambda rates: 2 * rates))), 25)) == []
+    assert alarms(judged(Craft(turn=slow, **two_sided(with_rates(lambda rates: 2 * rates))), 25)) == []
 
 
 def test_too_few_samples_show_no_scale() -> None:
     """Below 10 Hz too much happens between two samples: no slope is told."""
     twice = with_rates(lambda rates: 2 * rates)
-    vehicle = judged(Craft(turn=SWAY, hz=8, second_hz=4, **both(twice)), 40)
+    vehicle = judged(Craft(turn=SWAY, hz=8, second_hz=4, **two_sided(twice)), 40)
     assert [alarm for alarm in alarms(vehicle, "kinematics") if alarm["severity"] == "warning"] == []
 
 
@@ -125,7 +125,7 @@ def test_too_few_samples_show_no_scale() -> None:
 def test_rates_that_are_not_reported(side: str | None, deg_s: float) -> None:
     """A vehicle that turns and sends zero rates reports none: nothing is judged by them, and nothing agrees."""
     none = with_rates(lambda rates: 0 * rates)
-    changed = both(none) if side is None else {side: none}
+    changed = two_sided(none) if side is None else one_sided(side, none)
     vehicle = judged(Craft(turn=spinning(deg_s=deg_s), hz=10, **changed), 30)
     entry = check(vehicle, "kinematics")
     assert alarms(vehicle, "kinematics") == []
@@ -149,7 +149,7 @@ def leaps(*at_s: float, deg: tuple[float, float, float] = (0, 0, 21.7)) -> Chang
 
 def test_a_lone_reset_of_both_streams() -> None:
     """Both streams leap by 21.7° of yaw at 5 s: one reset told, with its size, and no alarm of any check."""
-    events, vehicle = watched(Craft(**both(leaps(5)), imu=lambda _, state: state).records(15))
+    events, vehicle = watched(Craft(**two_sided(leaps(5)), imu=lambda _, state: state).records(15))
     (reset,) = told(events, "estimator_reset")
     assert reset["boot_s"] == pytest.approx(BOOT_S + 5)
     assert reset["heading"] == pytest.approx(21.7, abs=0.15)  # and a tenth of a degree that it really turned
@@ -159,14 +159,14 @@ def test_a_lone_reset_of_both_streams() -> None:
 
 def test_a_lone_reset_of_the_tilt() -> None:
     """A leap of 10° about north is a reset of the tilt."""
-    (reset,) = told(watched(Craft(**both(leaps(5, deg=(10, 0, 0)))).records(15))[0], "estimator_reset")
+    (reset,) = told(watched(Craft(**two_sided(leaps(5, deg=(10, 0, 0)))).records(15))[0], "estimator_reset")
     assert reset["tilt"] == pytest.approx(10, abs=0.01)
     assert abs(reset["heading"]) < 0.2
 
 
 def test_a_leap_within_the_limit_is_no_reset() -> None:
     """A leap of 2.1° is below 2.2°: it may be motion."""
-    events, _ = watched(Craft(**both(leaps(5, deg=(0, 0, 2.0)))).records(15))
+    events, _ = watched(Craft(**two_sided(leaps(5, deg=(0, 0, 2.0)))).records(15))
     assert told(events, "estimator_reset") == []
 
 
@@ -188,14 +188,14 @@ def test_a_reset_of_the_only_stream() -> None:
 @pytest.mark.parametrize("count", [2, 3])
 def test_leaps_in_a_row_are_no_reset(count: int) -> None:
     """Two or three leaps from sample to sample are no reset; so short a fault is no alarm yet."""
-    events, vehicle = watched(Craft(**both(leaps(*(5 + 0.05 * i for i in range(count))))).records(15))
+    events, vehicle = watched(Craft(**two_sided(leaps(*(5 + 0.05 * i for i in range(count))))).records(15))
     assert told(events, "estimator_reset") == []
     assert alarms(vehicle) == []
 
 
 def test_leaps_for_longer_than_the_delay() -> None:
     """Leaps from sample to sample for 1.25 s are no reset but a fault of both streams: two alarms of this check."""
-    events, vehicle = watched(Craft(**both(leaps(*(5 + 0.05 * i for i in range(26))))).records(15))
+    events, vehicle = watched(Craft(**two_sided(leaps(*(5 + 0.05 * i for i in range(26))))).records(15))
     assert told(events, "estimator_reset") == []
     found = alarms(vehicle)
     assert {alarm["check"] for alarm in found} == {"kinematics"}
@@ -207,7 +207,7 @@ def test_leaps_for_longer_than_the_delay() -> None:
 
 def test_two_resets_far_apart_are_two() -> None:
     """Leaps at 5 and 8 s are two resets and no alarm."""
-    events, vehicle = watched(Craft(**both(leaps(5, 8))).records(15))
+    events, vehicle = watched(Craft(**two_sided(leaps(5, 8))).records(15))
     assert [event["boot_s"] - BOOT_S for event in told(events, "estimator_reset")] == pytest.approx([5, 8])
     assert alarms(vehicle) == []
 

@@ -626,7 +626,15 @@ def test_json_names_frames_and_units(typed: Any) -> None:
 
 def test_the_installed_command() -> None:
     """As people run it: the page on stdout, nothing on stderr, in less than a second."""
-    command = [Path(sys.executable).with_name("gcs-bridge"), "attitude", "--quaternion", "-0.7071", "0", "0", "-0.7071"]
+    command = [
+        str(Path(sys.executable).with_name("gcs-bridge")),
+        "attitude",
+        "--quaternion",
+        "-0.7071",
+        "0",
+        "0",
+        "-0.7071",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", timeout=10, check=True)
     assert done.stderr == ""
     assert "nose                      east, level" in done.stdout

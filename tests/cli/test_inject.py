@@ -198,11 +198,11 @@ def test_numbers_by_hand(fault: str, said: str, inject: Any) -> None:
 def test_the_next_command_is_ready_to_be_typed(tmp_path: Path) -> None:
     """A shell takes it as it stands, even with a space in the name, and it finds the 25° that were put in."""
     target = tmp_path / "my flight.tlog"
-    command = [PROGRAM, "inject", COPTER, "--fault", "yaw_offset:25", "--output", target]
+    command = [str(PROGRAM), "inject", str(COPTER), "--fault", "yaw_offset:25", "--output", str(target)]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     told = shlex.split(done.stdout.partition("next: ")[2])
     assert told == ["gcs-bridge", "check", str(target)]
-    checked = subprocess.run([PROGRAM, *told[1:]], capture_output=True, text=True, check=False, timeout=60)
+    checked = subprocess.run([str(PROGRAM), *told[1:]], capture_output=True, text=True, check=False, timeout=60)
     assert checked.returncode == 1
     assert "heading 25.0" in " ".join(checked.stdout.split())
 

@@ -79,10 +79,10 @@ def test_real_speed(tmp_path: Path) -> None:
         assert udp.ended() == (0, "")
         code, said = tcp.ended()
         assert (code, said) == (3, "gcs-bridge: error: every link has ended\n")
-    expected = gcs_bridge.check(flight).files[0]
+    expected = gcs_bridge.check(flight).to_dict()["files"][0]
     (alarm,) = expected["vehicles"][0]["alarms"]
     for tlog, events, process in ((udp_tlog, udp_events, udp), (tcp_tlog, tcp_events, tcp)):
-        assert judgement(gcs_bridge.check(tlog).files[0]) == judgement(expected)
+        assert judgement(gcs_bridge.check(tlog).to_dict()["files"][0]) == judgement(expected)
         told = [json.loads(line) for line in events.read_text().splitlines()]
         raised = [event for event in told if event["event"] == "alarm_raised"]
         assert [(event["id"], event["boot_s"]) for event in raised] == [(alarm["id"], alarm["raised_boot_s"])]

@@ -65,10 +65,17 @@ def samples(t_s: Array, attitude: Rotation | Array, rates: Array, source: str) -
         sent = attitude
     sent = sent.astype(np.float32).astype(np.float64)
     t_us = np.rint(t_s * 1000).astype(np.int64) * 1000
-    zeros, valid = np.zeros(n, np.int64), np.ones(n, np.bool_)
-    q = np.zeros((n, 4)) if source == ATTITUDE else sent
-    rpy = sent if source == ATTITUDE else None
-    return AttitudeSamples(t_us, zeros, zeros - 1, q, rates, valid, source, rpy)
+    return AttitudeSamples(
+        frame_index=np.arange(n),
+        boot=np.zeros(n, np.int64),
+        t_boot_us=t_us,
+        t_rx_us=np.full(n, -1),
+        q_nb=np.zeros((n, 4)) if source == ATTITUDE else sent,
+        w_nb_b_rad_s=rates,
+        valid=np.ones(n, np.bool_),
+        source=source,
+        rpy_rad=sent if source == ATTITUDE else None,
+    )
 
 
 def made(t_s: Array, true: Rotation, rates: Array, *, rpy: Array | None = None, wxyz: Array | None = None) -> Window:
@@ -376,8 +383,8 @@ def test_the_motion_that_is_advised_tells() -> None:
     assert 0 < sum(advised.values()) <= 10
     slowly = np.concatenate((np.zeros(250), np.linspace(0, 1, 25), np.ones(50)))
     yaw_deg = np.concatenate((np.linspace(20, 80, 250), np.full(75, 80.0))) + advised.get("yaw", 0.0) * slowly
-    lean = {f"{axis}_deg": advised.get(axis, 0.0) * slowly for axis in ("roll", "pitch")}
-    t_s, true, rates = turning(yaw_deg, **lean)
+    roll_deg, pitch_deg = (advised.get(axis, 0.0) * slowly for axis in ("roll", "pitch"))
+    t_s, true, rates = turning(yaw_deg, roll_deg=roll_deg, pitch_deg=pitch_deg)
     assert told(diagnose(made(t_s, true, rates, **mistaken("yaw_sign", true)))).candidates == ("yaw_sign",)
 
 
@@ -729,5 +736,6 @@ def test_a_mount_offset_has_three_numbers(tmp_path: Path) -> None:
     """Its value is a list, and the fix names it."""
     of = window(injected(tmp_path, "b_copter_acro", "mount_offset:0,4,0", from_s=20.0), from_s=196.6)
     entry = told(diagnose(of)).entry()
+    assert isinstance(entry.value, tuple)
     np.testing.assert_allclose(entry.value, (0, 4, 0), atol=0.05)
     assert "(0, 4.0, 0)°" in entry.fix

@@ -274,7 +274,7 @@ def test_names_that_are_none_or_the_same(alarming: Path, tmp_path: Path) -> None
         (tmp_path / folder).mkdir()
         shutil.copy(alarming, tmp_path / folder / "flight.tlog")
     odd = os.fsencode(tmp_path / "one") + b"/\xff\n.tlog"
-    shutil.copy(alarming, odd)
+    shutil.copy(os.fsencode(alarming), odd)
     target = tmp_path / "e"
     paths = [str(tmp_path / "one"), str(tmp_path / "two")]
     assert main(["check", *paths, "--evidence", str(target), "-q"]) == 1

@@ -8,6 +8,7 @@ from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -30,12 +31,10 @@ BAD_DEG = 0.5  # from here on a pair of one instant would vote for an alarm
 
 
 class CheckBatch(NamedTuple):
-    """Both streams with the frame_indices of their frames, and what was told among them."""
+    """Both streams, and what was told among them."""
 
     euler: AttitudeSamples
-    euler_frame_index: Int64s
     quaternion: AttitudeSamples
-    quaternion_frame_index: Int64s
     news: News
 
     def untold(self) -> CheckBatch:
@@ -45,9 +44,7 @@ class CheckBatch(NamedTuple):
         """One of `nth` instants alone."""
         kept = np.union1d(self.euler.t_boot_us, self.quaternion.t_boot_us)[::nth]
         e, q = np.isin(self.euler.t_boot_us, kept), np.isin(self.quaternion.t_boot_us, kept)
-        return CheckBatch(
-            self.euler[e], self.euler_frame_index[e], self.quaternion[q], self.quaternion_frame_index[q], self.news
-        )
+        return CheckBatch(self.euler[e], self.quaternion[q], self.news)
 
     def with_fault(self, name: str, *value: float, from_s: float = 0.0) -> CheckBatch:
         """The same with a mistake in it, from a boot time on."""
@@ -95,16 +92,29 @@ def from_rpy(rpy_rad: Floats) -> Rotation:
     return Rotation.from_euler("ZYX", rpy_rad[:, ::-1])
 
 
-def samples(source: str, t_us: Int64s, q_nb: Floats, w: Floats, rpy_rad: Floats | None = None) -> AttitudeSamples:
-    none = np.zeros(len(t_us), np.int64)
-    return AttitudeSamples(t_us, none, none - 1, q_nb, w, np.isfinite(q_nb).all(axis=1), source, rpy_rad)
+def samples(
+    frame_index: Int64s, t_us: Int64s, q_nb: Floats, w: Floats, rpy_rad: Floats | None = None
+) -> AttitudeSamples:
+    return AttitudeSamples(
+        frame_index=frame_index,
+        boot=np.zeros_like(t_us),
+        t_boot_us=t_us,
+        t_rx_us=np.full_like(t_us, -1),
+        q_nb=q_nb,
+        w_nb_b_rad_s=w,
+        valid=np.asarray(np.isfinite(q_nb).all(axis=1)),
+        source=ATTITUDE_QUATERNION if rpy_rad is None else ATTITUDE,
+        rpy_rad=rpy_rad,
+    )
 
 
 @cache
 def recorded(name: str, sysid: int = 1) -> CheckBatch:
     """A bundled recording, as pymavlink reads it."""
     link = mavutil.mavlink_connection(str(FIXTURES / f"{name}.tlog"), dialect="all")
-    euler, quaternion, news, frame_index = [], [], News(), 0
+    euler: list[list[float]] = []
+    quaternion: list[list[float]] = []
+    news, frame_index = News(), 0
     while (message := link.recv_msg()) is not None:
         frame_index += 1
         if (message.get_srcSystem(), message.get_srcComponent()) != (sysid, 1):
@@ -124,10 +134,8 @@ def recorded(name: str, sysid: int = 1) -> CheckBatch:
     e, q = np.array(euler), np.array(quaternion)
     rpy = np.ascontiguousarray(e[:, 2:5])
     return CheckBatch(
-        samples(ATTITUDE, (e[:, 1] * 1000).astype(np.int64), wxyz(from_rpy(rpy)), e[:, 5:8], rpy),
-        e[:, 0].astype(np.int64),
-        samples(ATTITUDE_QUATERNION, (q[:, 1] * 1000).astype(np.int64), np.ascontiguousarray(q[:, 2:6]), q[:, 6:9]),
-        q[:, 0].astype(np.int64),
+        samples(e[:, 0].astype(np.int64), (e[:, 1] * 1000).astype(np.int64), wxyz(from_rpy(rpy)), e[:, 5:8], rpy),
+        samples(q[:, 0].astype(np.int64), (q[:, 1] * 1000).astype(np.int64), q[:, 2:6].copy(), q[:, 6:9]),
         news,
     )
 
@@ -142,12 +150,10 @@ def flown(
     if n > 1:
         w[:-1] = (attitude[:-1].inv() * attitude[1:]).as_rotvec() * hz
     rpy = sent if isinstance(sent, np.ndarray) else (attitude if sent is None else sent).as_euler("ZYX")[:, ::-1]
-    rpy = np.float32(rpy).astype(np.float64)
+    rpy = np.asarray(rpy, np.float32).astype(np.float64)
     return CheckBatch(
-        samples(ATTITUDE, t_us, wxyz(from_rpy(rpy)), w, rpy),
-        10 + 2 * np.arange(n),
-        samples(ATTITUDE_QUATERNION, t_us, np.float32(wxyz(attitude)).astype(np.float64), w),
-        11 + 2 * np.arange(n),
+        samples(10 + 2 * np.arange(n), t_us, wxyz(from_rpy(rpy)), w, rpy),
+        samples(11 + 2 * np.arange(n), t_us, wxyz(attitude).astype(np.float32).astype(np.float64), w),
         [] if news is None else news,
     )
 
@@ -168,12 +174,9 @@ def follow(flight: CheckBatch, cuts: list[int] | None = None, expected: Expected
     q_nb, causes, untold = [], [], []
     edges = [-1, *(cuts or []), 1 << 60]
     for first, last in pairwise(edges):
-        e = (flight.euler_frame_index > first) & (flight.euler_frame_index <= last)
-        q = (flight.quaternion_frame_index > first) & (flight.quaternion_frame_index <= last)
+        batch = (of.frames(first + 1, last + 1) for of in (flight.euler, flight.quaternion))
         expected.told([say for say in flight.news if first < say.frame_index <= last])
-        corrected = expected.correct(
-            flight.euler[e], flight.euler_frame_index[e], flight.quaternion[q], flight.quaternion_frame_index[q]
-        )
+        corrected = expected.correct(*batch)
         q_nb.append(corrected.q_nb)
         causes.append(corrected.causes)
         untold.append(corrected.untold)
@@ -182,7 +185,12 @@ def follow(flight: CheckBatch, cuts: list[int] | None = None, expected: Expected
     seen = Rotation.from_quat(np.roll(euler[at_e], -1, axis=1))
     right = Rotation.from_quat(np.roll(flight.quaternion.q_nb[at_q], -1, axis=1))
     apart = np.degrees((seen.inv() * right).magnitude())
-    return Seen(euler, bits, t_us // 1000, apart, bits[at_e], expected.explanations(), np.concatenate(untold))
+    return Seen(euler, bits, t_us // 1000, apart, bits[at_e], explanations(expected), np.concatenate(untold))
+
+
+def explanations(expected: Expected) -> list[dict[str, Any]]:
+    """As a report shows them."""
+    return [json.loads(msgspec.json.encode(one)) for one in expected.explanations()]
 
 
 def explained(cause: str, value: Any, *, estimated: bool, alternatives: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -198,7 +206,8 @@ def once(parameters: dict[str, float], rpy_deg: list[float], custom_mode: int = 
     """What one sample of a plane stands for, once its parameters are told."""
     news: News = [mode(custom_mode), *(ParameterSet(1, name, value) for name, value in parameters.items())]
     level = Rotation.identity(1)
-    return follow(flown(level, np.radians([rpy_deg]), news)).q_nb[0]
+    q_nb: Floats = follow(flown(level, np.radians([rpy_deg]), news)).q_nb[0]
+    return q_nb
 
 
 def test_a_pitch_trim_by_hand() -> None:
@@ -311,7 +320,7 @@ def test_nothing_is_undone_where_nothing_was_done(name: str, sysid: int) -> None
     flight = recorded(name, sysid)
     expected = Expected()
     expected.told(flight.news)
-    assert expected.correct(*flight[:4]).q_nb is flight.euler.q_nb
+    assert expected.correct(flight.euler, flight.quaternion).q_nb is flight.euler.q_nb
     assert expected.explanations() == []
 
 
@@ -520,7 +529,9 @@ def test_ninety_degrees_without_a_vtol_mode_are_a_fault() -> None:
     rpy = weaving(300, 5.0, 2.0)
     turned = from_rpy(rpy) * Rotation.from_euler("y", 90.0, degrees=True)
     no_tailsitter: News = [mode(18), ParameterSet(2, "Q_TAILSIT_ENABLE", 0.0), ParameterSet(3, "Q_TRIM_PITCH", 0.0)]
-    for news in ([mode(5)], [mode(10)], no_tailsitter, [mode(18), ParameterSet(1, "Q_ENABLE", 0.0)]):
+    no_vtol: News = [mode(18), ParameterSet(1, "Q_ENABLE", 0.0)]
+    never_vtol: list[News] = [[mode(5)], [mode(10)], no_tailsitter, no_vtol]
+    for news in never_vtol:
         assert (follow(flown(turned, rpy, news)).apart_deg > 80.0).all()
 
 
@@ -588,8 +599,11 @@ def test_denials_do_not_add_up_over_a_reboot() -> None:
     expected = Expected()
     follow(flight.with_fault("yaw_offset", 5.0, from_s=11.9), expected=expected)
     expected.start_boot()
-    later = flight._replace(euler_frame_index=flight.euler_frame_index + 1000, news=[])
-    later = later._replace(quaternion_frame_index=flight.quaternion_frame_index + 1000)
+    later = CheckBatch(
+        dataclasses.replace(flight.euler, frame_index=flight.euler.frame_index + 1000),
+        dataclasses.replace(flight.quaternion, frame_index=flight.quaternion.frame_index + 1000),
+        news=[],
+    )
     first = later.quaternion.q_nb.copy()
     first[0] = later.with_fault("yaw_offset", 5.0).quaternion.q_nb[0]
     seen = follow(later._replace(quaternion=dataclasses.replace(later.quaternion, q_nb=first)), expected=expected)
@@ -624,12 +638,12 @@ def test_invalid_samples_take_no_part() -> None:
     flight = recorded("d_plane_pitchtrim3")
     rpy, q = np.array(flight.euler.rpy_rad), flight.quaternion.q_nb.copy()
     rpy[5::7], q[3::11] = np.nan, np.nan
-    euler = dataclasses.replace(flight.euler, rpy_rad=rpy, valid=np.isfinite(rpy).all(axis=1))
-    quaternion = dataclasses.replace(flight.quaternion, q_nb=q, valid=np.isfinite(q).all(axis=1))
+    euler = dataclasses.replace(flight.euler, rpy_rad=rpy, valid=np.asarray(np.isfinite(rpy).all(axis=1)))
+    quaternion = dataclasses.replace(flight.quaternion, q_nb=q, valid=np.asarray(np.isfinite(q).all(axis=1)))
     expected = Expected()
     expected.told(flight.news)
-    corrected = expected.correct(euler, flight.euler_frame_index, quaternion, flight.quaternion_frame_index)
-    assert expected.explanations() == [explained("pitch_trim", 3.0, estimated=True)]
+    corrected = expected.correct(euler, quaternion)
+    assert explanations(expected) == [explained("pitch_trim", 3.0, estimated=True)]
     assert (np.isnan(corrected.q_nb).any(axis=1) == ~euler.valid)[20:].all()
 
 
@@ -673,7 +687,7 @@ def test_cuts_change_nothing(name: str, sysid: int, fault: str | None) -> None:
     flight = flight.untold() if fault else flight
     if fault:
         flight = flight.with_fault(fault, from_s=float(flight.euler.t_boot_us.mean() / 1e6))
-    frames = np.union1d(flight.euler_frame_index, flight.quaternion_frame_index)
+    frames = np.union1d(flight.euler.frame_index, flight.quaternion.frame_index)
     whole = follow(flight)
     rng = np.random.default_rng(7)
     for pieces in (4, 150, len(frames)) if name == "d_tailsitter_tumble" else (4, 150):

@@ -1,8 +1,15 @@
 """Which arguments each row-wise function takes, and random rows for them."""
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
+from numpy.typing import NDArray
 
 from gcs_bridge import attitude
+
+Array = NDArray[np.float64]
+Arguments = dict[str, Any]  # by name: arrays of rows, and what is no array as it is
 
 QUATERNION, VECTOR, MATRIX, NUMBER, SHARE = "quaternion", "vector", "matrix", "number", "share"
 Q, V, M, N, S = QUATERNION, VECTOR, MATRIX, NUMBER, SHARE
@@ -72,16 +79,16 @@ CASES = {
 TAILS = {QUATERNION: (4,), VECTOR: (3,), MATRIX: (3, 3), NUMBER: (), SHARE: ()}
 
 
-def random_quaternions(rng, *lead):
+def random_quaternions(rng: np.random.Generator, *lead: int) -> Array:
     """Uniform on the sphere, like every rotation equally often."""
     q = rng.normal(size=(*lead, 4))
-    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
 
 
-def random_arguments(name, rng, *lead):
+def random_arguments(name: str, rng: np.random.Generator, *lead: int) -> Arguments:
     """Random rows for each array argument of a function, and its other arguments as they are."""
 
-    def rows(kind):
+    def rows(kind: Any) -> Any:
         if kind == QUATERNION:
             return random_quaternions(rng, *lead)
         if kind == MATRIX:
@@ -93,18 +100,18 @@ def random_arguments(name, rng, *lead):
     return {argument: rows(kind) for argument, kind in CASES[name].items()}
 
 
-def array_arguments(name):
+def array_arguments(name: str) -> dict[str, tuple[int, ...]]:
     """The names of the array arguments of a function, with the shape of one row."""
     return {argument: TAILS[kind] for argument, kind in CASES[name].items() if kind in TAILS}
 
 
-def outputs(result):
+def outputs(result: Any) -> list[NDArray[Any]]:
     """A function's results as a list of arrays."""
     return [np.asarray(part) for part in result] if isinstance(result, tuple) else [np.asarray(result)]
 
 
-def turn_between(a, b):
+def turn_between(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
     """The angle between two attitudes by another formula than the package's: the chord of quaternions."""
-    a, b = (np.asarray(q) / np.linalg.norm(q, axis=-1, keepdims=True) for q in (a, b))
-    chord = np.minimum(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
-    return 4.0 * np.arcsin(0.5 * chord)
+    one, other = (np.asarray(q) / np.linalg.norm(q, axis=-1, keepdims=True) for q in (a, b))
+    chord = np.minimum(np.linalg.norm(one - other, axis=-1), np.linalg.norm(one + other, axis=-1))
+    return np.asarray(4.0 * np.arcsin(0.5 * chord))

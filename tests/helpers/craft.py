@@ -114,6 +114,16 @@ def with_norm(norm: float) -> Change:
     return lambda _, state: state._replace(norm=norm)
 
 
+def one_sided(side: str, change: Change) -> dict[str, Any]:
+    """Craft's argument for a change of one stream alone: "euler" or "quaternion"."""
+    return {side: change}
+
+
+def two_sided(change: Change) -> dict[str, Any]:
+    """Craft's arguments for the same change of both streams."""
+    return {"euler": change, "quaternion": change}
+
+
 # --- messages --------------------------------------------------------------------------------------------------------
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +33,7 @@ FRAMES = {
     "world_nwu": (NWU, SAME),
     "body_rfu": (SAME, RFU),
 }
-RPY = {
+RPY: dict[str, Callable[[Array], Array]] = {
     "roll_sign": lambda rpy: rpy * [-1, 1, 1],
     "pitch_sign": lambda rpy: rpy * [1, -1, 1],
     "yaw_sign": lambda rpy: rpy * [1, 1, -1],
@@ -170,7 +170,7 @@ def fitted(sent: Sent, name: str, interpolation: Interpolation = RotationSpline)
     if name == "time_skew":
         lags = np.arange(-600, 601, 10)
         for around in (np.arange(-10, 11), np.zeros(1)):
-            cost = [np.median(disagreement(undone(sent, name, (lag,)), interpolation)[1]) for lag in lags]
+            cost = [np.median(disagreement(undone(sent, name, (float(lag),)), interpolation)[1]) for lag in lags]
             lags = lags[int(np.argmin(cost))] + around
         return (float(lags[0]),)
     _, euler, quaternion = paired(sent, interpolation)

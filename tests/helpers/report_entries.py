@@ -1,9 +1,11 @@
 """Handmade entries of a report, as the contract describes them."""
 
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from gcs_bridge.contract import readable
 from gcs_bridge.report import Report
 from gcs_bridge.report.schema import File
 
@@ -112,6 +114,11 @@ def without_quaternion(verdict: str = "no_compare", **changes: Any) -> dict[str,
 
 def entry(*vehicles: dict[str, Any], verdict: str = "agree", path: str = "flight.tlog") -> dict[str, Any]:
     return {"path": path, "bytes": 1_648_395, "verdict": verdict, "salvage": SALVAGE, "vehicles": list(vehicles)}
+
+
+def judged(path: Path, *vehicles: dict[str, Any], verdict: str = "agree") -> File:
+    """A handmade entry as `check_file` gives it."""
+    return msgspec.convert(entry(*vehicles, verdict=verdict, path=readable(str(path))), File)
 
 
 def report(*files: dict[str, Any]) -> Report:

@@ -73,7 +73,7 @@ class Drawn:
 
 def drawn(data: bytes, path: Path, *, pieces: int = 1) -> tuple[Drawn, list[dict[str, Any]]]:
     """What is drawn of a recording fed in so many pieces, and its events."""
-    events = []
+    events: list[dict[str, Any]] = []
     with open_viewer(f"save:{path}", say=pytest.fail) as viewer:
         sink = viewer.recording("by hand")
         monitor = Monitor(observer=sink.observe)

@@ -11,6 +11,7 @@ from pymavlink.generator.mavcrc import x25crc
 from scipy.spatial.transform import Rotation, RotationSpline
 
 Array = NDArray[np.float64]
+Seconds = float | NDArray[np.floating[Any]]
 
 START_US = 1_700_000_000_000_000  # a record time, µs since 1970: 14 November 2023
 ARDUPILOT, PX4, NO_AUTOPILOT = 3, 12, 8  # MAV_AUTOPILOT
@@ -87,17 +88,17 @@ class Motion:
             turned.append(turned[-1] * Rotation.from_rotvec(step))
         self._spline = RotationSpline(knots, Rotation.concatenate(turned))
 
-    def rotation(self, t_s: float | Array) -> Rotation:
+    def rotation(self, t_s: Seconds) -> Rotation:
         return self._spline(t_s)
 
-    def wxyz(self, t_s: float | Array) -> Array:
+    def wxyz(self, t_s: Seconds) -> Array:
         return wxyz(self._spline(t_s))
 
-    def rpy(self, t_s: float | Array) -> Array:
+    def rpy(self, t_s: Seconds) -> Array:
         rpy: Array = self._spline(t_s).as_euler("ZYX")[..., ::-1]
         return rpy
 
-    def rates(self, t_s: float | Array) -> Array:
+    def rates(self, t_s: Seconds) -> Array:
         """Angular rate in body axes, rad/s."""
         w: Array = self._spline(t_s, 1)
         return w
@@ -121,15 +122,18 @@ def flight(
     for kind, hz in ((1, euler_hz), (2, quaternion_hz)):
         if hz:
             ticks += [(round(1000 * i / hz), kind) for i in range(int(seconds * hz))]
+    ticks.sort()
+    t_s = np.array([ms for ms, _ in ticks]) / 1000.0
+    rotation = motion.rotation(t_s)
+    rpy, q, rates = rotation.as_euler("ZYX")[:, ::-1], wxyz(rotation), motion.rates(t_s)
     records = []
-    for seq, (ms, kind) in enumerate(sorted(ticks)):
-        t_s, now = ms / 1000.0, boot_ms + ms
+    for i, (ms, kind) in enumerate(ticks):
         if kind == 0:
-            frame = heartbeat(seq=seq, **wire)
+            frame = heartbeat(seq=i, **wire)
         elif kind == 1:
-            frame = attitude(now, motion.rpy(t_s), motion.rates(t_s), seq=seq, **wire)
+            frame = attitude(boot_ms + ms, rpy[i], rates[i], seq=i, **wire)
         else:
-            frame = attitude_quaternion(now, motion.wxyz(t_s), motion.rates(t_s), seq=seq, **wire)
+            frame = attitude_quaternion(boot_ms + ms, q[i], rates[i], seq=i, **wire)
         records.append((start_us + 1000 * ms, frame))
     return records
 

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
+from scipy.spatial.transform import Rotation
 
 from gcs_bridge.evidence.tables import tables_of
 from gcs_bridge.judging import alarm_windows as moments
@@ -73,7 +74,7 @@ def flown(seconds: float, *, fault_s: tuple[float, float], boot_ms: int = 10_000
         ms = 40 * i
         yaw, rates = 0.02 * ms / 1000, (0, 0, 0.02)
         off = math.radians(25.0) if fault_s[0] <= ms / 1000 < fault_s[1] else 0.0
-        q = wire.wxyz(wire.Rotation.from_euler("Z", yaw + off))
+        q = wire.wxyz(Rotation.from_euler("Z", yaw + off))
         attitudes.append((ms, wire.attitude(boot_ms + ms, (0, 0, yaw), rates)))
         attitudes.append((ms, wire.attitude_quaternion(boot_ms + ms, q, rates)))
     frames = sorted(beats + attitudes, key=lambda record: record[0])
@@ -120,21 +121,24 @@ def test_a_moment_holds_every_attitude_of_the_ten_seconds_on_both_sides() -> Non
     assert np.array_equal(rpy_rad, [[m.roll, m.pitch, m.yaw] for m in inside])
 
 
-def test_places_within_a_part_of_a_batch_are_its_own() -> None:
-    """A pair points to the message that completed it, and a step to its later sample, in the part as in the whole."""
+def test_pairs_and_steps_carry_their_frames() -> None:
+    """A pair is known with the message that completed it, and a step with its later sample, and both are there."""
     data = turned("b2_mixed_rates", from_s=14.0)
     (moment, *_) = watched(cut(data, 50_000))
     pairs = steps = 0
     for one in moment.observations:
         segment, flight = one.segment, one.flight
-        assert np.array_equal(
-            segment.frame_index[segment.valid_attitude][one.pairs.completed_by], flight.pair_frame_index
-        )
+        at = np.searchsorted(segment.frame_index, one.pairs.frame_index)
+        assert np.array_equal(segment.frame_index[at], one.pairs.frame_index)
+        assert np.array_equal(segment.t_rx_us[at], one.pairs.t_rx_us)
+        assert segment.valid_attitude[at].all()
+        assert (segment.t_boot_us[at] >= one.pairs.t_boot_us).all()
+        assert np.array_equal(one.disagreement.frame_index, one.pairs.frame_index)
         pairs += len(one.pairs)
-        streams = ((flight.euler, flight.euler_frame_index), (flight.quaternion, flight.quaternion_frame_index))
-        for step, frame_index, (samples, at) in zip(flight.steps, flight.step_frame_index, streams, strict=True):
-            assert np.array_equal(at[samples.valid][step.row], frame_index)
-            assert np.array_equal(samples.t_boot_us[samples.valid][step.row], step.t1_us)
+        for step, samples in zip(flight.steps, (flight.euler, flight.quaternion), strict=True):
+            at = np.searchsorted(samples.frame_index, step.frame_index)
+            assert np.array_equal(samples.frame_index[at], step.frame_index)
+            assert np.array_equal(samples.t_boot_us[at], step.t1_us)
             steps += len(step)
     assert pairs > 100
     assert steps > 200

@@ -1,5 +1,6 @@
 """The motion of a vehicle by its attitudes and its accelerometer."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
 import numpy as np
@@ -9,9 +10,12 @@ from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
 
 from gcs_bridge import Monitor, attitude
+from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.judging.dead_reckoning import MotionSamples, MotionTracker
+from gcs_bridge.judging.observation import Observation
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
+from tests.helpers.wire import Array
 
 G = attitude.G_M_S2
 
@@ -21,11 +25,11 @@ START_MS = 10_000
 FORWARD, RIGHT, DOWN = np.eye(3)
 
 
-def flights(data, pieces=1):
+def flights(data: bytes, pieces: int = 1) -> list[CheckBatch]:
     """What the observer is shown of vehicle 1.1 in its first boot, of a recording that comes in pieces."""
     seen = []
 
-    def observe(observation):
+    def observe(observation: Observation) -> None:
         if observation.vehicle.address == (1, 1) and observation.segment.boot == 0:
             seen.append(observation.flight)
 
@@ -36,25 +40,34 @@ def flights(data, pieces=1):
     return seen
 
 
-def moved_by(flights, hold_us=0):
+def moved_by(flights: Iterable[CheckBatch], hold_us: int = 0) -> MotionSamples:
     """The motion that these flights, one after the other, add up to."""
     tracker = MotionTracker(hold_us)
     parts = [part for part in (*map(tracker.feed, flights), tracker.flush()) if part is not None]
-    return MotionSamples(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(MotionSamples)))
+    return MotionSamples.joined(parts)
 
 
-def moved(data):
+def moved(data: bytes) -> MotionSamples:
     """The motion of vehicle 1.1 in its first boot, of a recording."""
     return moved_by(flights(data))
 
 
-def imu_message(t_s, f_b, w_b):
+def imu_message(t_s: float, f_b: Array, w_b: Array) -> bytes:
     """HIGHRES_IMU on the boot clock, at t_s after the start."""
     now_us = 1000 * START_MS + round(1e6 * t_s)
     return wire.pack(mavlink.MAVLink_highres_imu_message(now_us, *f_b, *w_b, *[0] * 7, fields_updated=63))
 
 
-def told(t_s, rotation, f_b, rates=None, attitudes=("quaternion",), every=1, gyro=None, armed_s=np.inf):
+def told(
+    t_s: Array,
+    rotation: Rotation,
+    f_b: Array,
+    rates: Array | None = None,
+    attitudes: Sequence[str] = ("quaternion",),
+    every: int = 1,
+    gyro: Array | None = None,
+    armed_s: float = np.inf,
+) -> bytes:
     """A recording of attitudes and specific forces at t_s (n,), s: SciPy's rotations and f_b (n, 3).
 
     Every so-many-th time has its attitudes, "euler", "quaternion" or both. The gyro says `rates` unless given.
@@ -77,22 +90,23 @@ def told(t_s, rotation, f_b, rates=None, attitudes=("quaternion",), every=1, gyr
     return wire.tlog(records)
 
 
-def about(axis, degrees):
+def about(axis: Array, degrees: Array) -> Rotation:
     """Turns (n,) about one axis, by SciPy."""
     return Rotation.from_rotvec(np.outer(np.radians(degrees), axis))
 
 
-def force(rotation, a_n):
+def force(rotation: Rotation, a_n: Array) -> Array:
     """What an accelerometer reads at attitudes and accelerations (n, 3) in NED, by SciPy."""
-    return rotation.inv().apply(np.asarray(a_n) - [0, 0, G])
+    f_b: Array = rotation.inv().apply(np.asarray(a_n) - [0, 0, G])
+    return f_b
 
 
-def at(motion, t_s):
+def at(motion: MotionSamples, t_s: float) -> int:
     """The row at a time after the start."""
     return int(np.searchsorted(motion.t_boot_us, 1000 * START_MS + round(1e6 * t_s)))
 
 
-def test_two_metres_per_second_squared_for_three_seconds():
+def test_two_metres_per_second_squared_for_three_seconds() -> None:
     """Four seconds of rest, then 2 m/s^2 along the nose: 6 m/s and 9 m after three seconds, wherever the nose points.
 
     The first step, a ramp of 0.02 s, adds 0.02 m/s, and so 0.06 m in three seconds.
@@ -110,7 +124,7 @@ def test_two_metres_per_second_squared_for_three_seconds():
     assert np.degrees(motion.heading_rad[end]) == pytest.approx(90, abs=1e-4)
 
 
-def test_a_turn_takes_the_velocity_from_the_nose_to_the_side():
+def test_a_turn_takes_the_velocity_from_the_nose_to_the_side() -> None:
     """Flying north at 6 m/s, a turn of the nose by 90 deg to the left leaves 6 m/s to the right and turns no path."""
     t = np.arange(0, 9.5, 0.02)
     a_n = np.where(((t > 3.99) & (t < 6.99))[:, None], [2.0, 0.0, 0.0], 0.0)
@@ -126,7 +140,7 @@ def test_a_turn_takes_the_velocity_from_the_nose_to_the_side():
 
 
 @pytest.mark.parametrize("gyro", [None, [np.nan] * 3])
-def test_motion_is_known_since_a_rest_and_up_to_a_gap(gyro):
+def test_motion_is_known_since_a_rest_and_up_to_a_gap(gyro: Array | None) -> None:
     """Unknown before the first three quiet seconds, zero at rest, unknown from a gap of 1.2 s to the next rest.
 
     That it is quiet, the attitude's rates tell where there is no gyro.
@@ -143,7 +157,7 @@ def test_motion_is_known_since_a_rest_and_up_to_a_gap(gyro):
     assert (motion.v_bound_m_s[known] == 0).all()
 
 
-def test_an_armed_vehicle_does_not_stand():
+def test_an_armed_vehicle_does_not_stand() -> None:
     """A steady cruise reads like rest: of an armed vehicle nothing is known, or the bound goes on growing."""
     t = np.arange(0, 10, 0.02)
     level = Rotation.identity(len(t))
@@ -155,7 +169,7 @@ def test_an_armed_vehicle_does_not_stand():
 
 
 @pytest.mark.parametrize("gyro", [None, [np.nan] * 3])
-def test_the_attitude_is_that_of_the_samples_time(gyro):
+def test_the_attitude_is_that_of_the_samples_time(gyro: Array | None) -> None:
     """Rolling at 90 deg/s on the spot, attitudes at 4 Hz: between them too the acceleration is zero.
 
     With the latest attitude as it was sent, up to 22 deg old, it would be 3.7 m/s^2. That it turns, and so does not
@@ -171,7 +185,7 @@ def test_the_attitude_is_that_of_the_samples_time(gyro):
 
 
 @pytest.mark.parametrize("rates", [0.0, np.nan])
-def test_an_attitude_without_rates_is_interpolated_by_the_way_between(rates):
+def test_an_attitude_without_rates_is_interpolated_by_the_way_between(rates: float) -> None:
     """Rates that are no numbers, or that there is no turn to report, leave the short way between two attitudes."""
     t = np.arange(0, 2, 0.02)
     rolling = about(FORWARD, (90 if np.isnan(rates) else 0) * t)
@@ -179,7 +193,7 @@ def test_an_attitude_without_rates_is_interpolated_by_the_way_between(rates):
     assert np.abs(moved(data).a_h_m_s2).max() < 1e-4
 
 
-def test_euler_angles_serve_where_no_quaternion_comes():
+def test_euler_angles_serve_where_no_quaternion_comes() -> None:
     """ATTITUDE alone gives the same motion; where both come the quaternion counts, and 0.5 s after its end no more."""
     t = np.arange(0, 8, 0.02)
     turned = wire.Motion(8.0, seed=3)
@@ -199,7 +213,7 @@ def test_euler_angles_serve_where_no_quaternion_comes():
     assert np.isfinite(headings).all()
 
 
-def test_the_two_downs_by_hand():
+def test_the_two_downs_by_hand() -> None:
     """At rest and level, but the attitude says 30 deg nose up: the downs are 30 deg apart, the accelerometer's ahead.
 
     Seen from the body, the attitude's down has moved to the tail by sin 30; in the world that it claims, the
@@ -214,7 +228,7 @@ def test_the_two_downs_by_hand():
     assert np.degrees(motion.apart_rad[50]) == pytest.approx(30, abs=1e-4)
 
 
-def test_headings_go_from_0_to_360():
+def test_headings_go_from_0_to_360() -> None:
     """Turning left through north, the heading falls to 0 and goes on from 360."""
     t = np.arange(0, 4, 0.02)
     turning = about(DOWN, 40 - 30 * t)
@@ -222,7 +236,7 @@ def test_headings_go_from_0_to_360():
     assert np.degrees(motion.heading_rad) == pytest.approx((40 - 30 * t[: len(motion)]) % 360, abs=1e-3)
 
 
-def recording(name):
+def recording(name: str) -> bytes:
     """A recording of the fixtures, or "by hand" one that rests, moves, misses some seconds, and rests again."""
     if name != "by hand":
         return (FIXTURES / f"{name}.tlog").read_bytes()
@@ -232,7 +246,7 @@ def recording(name):
 
 
 @pytest.mark.parametrize("name", ["by hand", "b2_mixed_rates", "h_lossy_dirty"])
-def test_motion_does_not_depend_on_the_cut(name):
+def test_motion_does_not_depend_on_the_cut(name: str) -> None:
     """Whole, in 100 pieces, and held back: the motion is the same bit for bit."""
     data = recording(name)
     whole, cut = moved(data), flights(data, 100)
@@ -243,7 +257,7 @@ def test_motion_does_not_depend_on_the_cut(name):
             assert np.array_equal(getattr(whole, f.name), getattr(other, f.name), equal_nan=True), f.name
 
 
-def test_an_ahrs_trim_turns_the_accelerometer_not_the_vehicle():
+def test_an_ahrs_trim_turns_the_accelerometer_not_the_vehicle() -> None:
     """Hovering with a trim of 5.8 deg, both downs are one; untrimmed they are 5.8 deg apart, trimmed wrong twice that.
 
     AHRS_TRIM_X and _Y come in the recording; ArduPilot sends the attitude of the body that they make level.
@@ -255,7 +269,7 @@ def test_an_ahrs_trim_turns_the_accelerometer_not_the_vehicle():
     assert np.degrees(motion.apart_rad[hovering]).max() < 0.5
 
 
-def test_a_flown_square_stays_within_the_drift():
+def test_a_flown_square_stays_within_the_drift() -> None:
     """76 s of flight since rest: the autopilot's own velocity and position are within the bound of what is reckoned.
 
     LOCAL_POSITION_NED by pymavlink, turned by hand into the level frame. From arming on it does not rest. It flies at

@@ -157,8 +157,8 @@ MISTAKES = [
 @pytest.mark.parametrize("fault", ["loss:0.2", "reorder:0.3", "duplicate:0.2", "corrupt:0.003", *MISTAKES])
 def test_cut_anywhere_with_a_fault(fault: str) -> None:
     """A recording with a fault of the link or the sender is told the same way however it is cut."""
-    span = {"from_s": 8.0, "to_s": 24.0} if fault in MISTAKES else {}
-    data = inject(recording("c_copter_4hz"), [parse_fault(fault)], **span)
+    from_s, to_s = (8.0, 24.0) if fault in MISTAKES else (None, None)
+    data = inject(recording("c_copter_4hz"), [parse_fault(fault)], from_s=from_s, to_s=to_s)
     whole = story(data, lambda: len(data))
     assert story(data, any_size(fault)) == whole
     odd = random.Random(fault)

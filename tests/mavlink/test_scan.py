@@ -197,9 +197,9 @@ def spoiled(dice: random.Random, damage: str) -> tuple[bytes, set[int]]:
     for i in touched:
         record = bytearray(out[i])
         if damage == "random":
-            record = dice.randbytes(1000) + record
+            record[:0] = dice.randbytes(1000)
         elif damage == "markers":
-            record = b"\xfd" * 200 + record
+            record[:0] = b"\xfd" * 200
         elif damage == "crc":
             record[-1 - dice.randrange(2)] ^= dice.randrange(1, 256)
         elif damage == "length":

@@ -20,9 +20,8 @@ def track(heard: Sequence[tuple[int, Heard]], kind: str) -> Track:
     """The messages of one kind; each row holds its own frame_index."""
     mine = [(frame_index, t_us) for frame_index, (name, t_us) in heard if name == kind]
     frame_indices = np.array([frame_index for frame_index, _ in mine], np.int64)
-    return Track(
-        np.array([t_us for _, t_us in mine], np.int64), frame_indices, frame_indices[:, None].astype(np.float64)
-    )
+    t_us = np.array([t_us for _, t_us in mine], np.int64)
+    return Track(frame_index=frame_indices, t_us=t_us, rows=frame_indices[:, None].astype(np.float64))
 
 
 def asked(heard: Sequence[Heard], cuts: Sequence[int] = ()) -> list[Answers]:

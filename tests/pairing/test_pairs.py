@@ -45,18 +45,28 @@ def in_time(*streams: list[Sample]) -> list[Sample]:
     return sorted((s for stream in streams for s in stream), key=lambda s: (s.t_us, s.stream))
 
 
-def packed(arrived: Sequence[Sample], stream: int) -> AttitudeSamples:
+def packed(arrived: Sequence[Sample], stream: int, first: int) -> AttitudeSamples:
+    """Those of one stream; the frame that brings each is its place, counted from `first`."""
     mine = [s for s in arrived if s.stream == stream]
     n = len(mine)
     t = np.array([s.t_us for s in mine], np.int64)
     q = np.array([s.q for s in mine]).reshape(n, 4)
     w = np.array([s.w for s in mine]).reshape(n, 3)
     source = (ATTITUDE, ATTITUDE_QUATERNION)[stream]
-    return AttitudeSamples(t, np.zeros(n, np.int64), wire.START_US + t, q, w, np.ones(n, np.bool_), source)
+    return AttitudeSamples(
+        frame_index=np.array([first + i for i, s in enumerate(arrived) if s.stream == stream], np.int64),
+        boot=np.zeros(n, np.int64),
+        t_boot_us=t,
+        t_rx_us=wire.START_US + t,
+        q_nb=q,
+        w_nb_b_rad_s=w,
+        valid=np.ones(n, np.bool_),
+        source=source,
+    )
 
 
 def paired(arrived: Sequence[Sample], cuts: Sequence[int] = ()) -> Pairs:
-    """All pairs of what arrived, in batches cut at `cuts`; `completed_by` counts through."""
+    """All pairs of what arrived, in batches cut at `cuts`."""
     aligner = Aligner(AlignmentSettings(), ResetSettings())
     parts = []
     for lo, hi in pairwise([0, *cuts, len(arrived)]):
@@ -65,16 +75,15 @@ def paired(arrived: Sequence[Sample], cuts: Sequence[int] = ()) -> Pairs:
         place = np.concatenate([np.flatnonzero(streams == k) for k in (EULER, QUATERNION)])
         order = np.empty(len(batch), np.int64)
         order[place] = np.arange(len(batch))
-        pairs = aligner.pair(packed(batch, EULER), packed(batch, QUATERNION), order).pairs
-        pairs.completed_by[:] += lo
-        parts.append(pairs)
-    return Pairs(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Pairs)))
+        parts.append(aligner.pair(packed(batch, EULER, lo), packed(batch, QUATERNION, lo), order).pairs)
+    return Pairs.joined(parts)
 
 
 def degrees_between(a: Array, b: Array) -> Array:
     """Angle of the rotation between [w, x, y, z] and [w, x, y, z], by SciPy."""
     to = [1, 2, 3, 0]
-    return np.degrees((Rotation.from_quat(a[:, to]).inv() * Rotation.from_quat(b[:, to])).magnitude())
+    angle: Array = np.degrees((Rotation.from_quat(a[:, to]).inv() * Rotation.from_quat(b[:, to])).magnitude())
+    return angle
 
 
 # --- interpolation ---------------------------------------------------------------------------------------------------
@@ -154,14 +163,14 @@ def test_which_message_is_sent_first_does_not_matter(first: int) -> None:
         key=lambda s: (s.t_us, s.stream != first),
     )
     pairs = paired(arrived)
-    assert (len(pairs), pairs.same_instant.all()) == (500, True)
+    assert (len(pairs), bool(pairs.same_instant.all())) == (500, True)
 
 
 def test_some_instants_in_common_are_used_as_such() -> None:
     """25 Hz against 5 Hz on one grid: all pairs of one instant, the other 25 Hz samples interpolate nothing."""
     motion = wire.Motion(20, seed=2)
     pairs = paired(in_time(samples(motion, EULER, every(40, 20)), samples(motion, QUATERNION, every(200, 20))))
-    assert (len(pairs), pairs.same_instant.all()) == (100, True)
+    assert (len(pairs), bool(pairs.same_instant.all())) == (100, True)
 
 
 @pytest.mark.parametrize("faster", [EULER, QUATERNION])
@@ -273,7 +282,7 @@ def test_one_instant_needs_no_rates() -> None:
             for s in in_time(samples(motion, EULER, every(40, 10)), samples(motion, QUATERNION, every(40, 10)))
         ]
         pairs = paired(arrived)
-        assert (len(pairs), pairs.same_instant.all()) == (250, True)
+        assert (len(pairs), bool(pairs.same_instant.all())) == (250, True)
         assert np.degrees(pairs.bound_rad) == pytest.approx(0.02)
 
 
@@ -319,7 +328,7 @@ def test_samples_that_come_late_find_their_partner_all_the_same() -> None:
     shift = [0, 0, 0.3, 0, 0.5, 0, 0.04]
     delay = {(QUATERNION, s.t_us): int(1e6 * shift[i % 7]) for i, s in enumerate(slow)}
     pairs = paired(sorted(fast + slow, key=lambda s: (s.t_us + delay.get((s.stream, s.t_us), 0), s.stream)))
-    assert (len(pairs), pairs.same_instant.all()) == (500, True)
+    assert (len(pairs), bool(pairs.same_instant.all())) == (500, True)
     assert degrees_between(pairs.q_euler, pairs.q_quaternion).max() < 1e-6
 
 
@@ -354,8 +363,8 @@ def test_each_sample_of_the_slower_stream_is_judged_once(euler_ms: int, quaterni
     )
     pairs = paired(late(arrived, shift))
     assert len(np.unique(pairs.t_boot_us)) == len(pairs)
-    assert (np.diff(pairs.completed_by) >= 0).all()
-    for trigger, t_us in zip(pairs.completed_by.tolist(), pairs.t_boot_us.tolist(), strict=True):
+    assert (np.diff(pairs.frame_index) >= 0).all()
+    for trigger, t_us in zip(pairs.frame_index.tolist(), pairs.t_boot_us.tolist(), strict=True):
         come = late(arrived, shift)[: trigger + 1] if trigger < 60 else None  # no pair before both of its sides
         assert come is None or t_us in {s.t_us for s in come}
 

@@ -239,7 +239,7 @@ def test_what_a_newer_dialect_appended_stays() -> None:
     def sealed(raw: bytearray) -> bytes:
         crc = x25crc(raw[1:])
         crc.accumulate(bytes([mavlink.MAVLink_attitude_quaternion_message.crc_extra]))
-        return bytes(raw) + crc.crc.to_bytes(2, "little")
+        return bytes(raw) + int(crc.crc).to_bytes(2, "little")
 
     expected = frame.copy()
     expected[14:30] = struct.pack("<4f", 0, 0, 0, 1)

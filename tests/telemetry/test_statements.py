@@ -31,7 +31,8 @@ def values(said: Sequence[Statement]) -> list[tuple[str, float]]:
 
 
 def at(latest: StepSignal, *frame_indices: int) -> list[float]:
-    return latest.at(np.array(frame_indices, np.int64)).tolist()
+    values: list[float] = latest.at(np.array(frame_indices, np.int64)).tolist()
+    return values
 
 
 def test_a_value_holds_from_its_frame_on() -> None:
@@ -56,6 +57,20 @@ def test_what_was_passed_is_forgotten_and_what_holds_is_not() -> None:
     assert at(latest, 20, 29, 30) == [2.0, 2.0, 3.0]
     assert at(latest) == []
     assert at(latest, 31) == [3.0]
+
+
+def test_what_is_put_late_holds_from_its_own_frame_on() -> None:
+    """A trim told in frame 30, of the next boot, then one fitted in frame 20: from 20 to 29 that one holds, then the
+    other. Of two values of one frame the one put last holds.
+    """
+    latest = StepSignal(0.0)
+    latest.put(np.array([10, 30]), np.array([1.0, 3.0]))
+    latest.put(np.array([20]), np.array([2.0]))
+    assert at(latest, 9, 10, 19, 20, 29, 30) == [0.0, 1.0, 1.0, 2.0, 2.0, 3.0]
+    latest.put(np.array([20]), np.array([2.5]))
+    assert at(latest, 20, 30) == [2.5, 3.0]
+    latest.forget(25)
+    assert at(latest, 25, 30) == [2.5, 3.0]
 
 
 @given(

@@ -35,14 +35,24 @@ def told(
             what = np.array([story[i][0] for i in mine])
             period = np.where(what == OTHER, -1, 1000 * period_ms)
             t_us = np.array([1000 * story[i][1] for i in mine])
-            turns += liveness.take(Timeline(what, t_us, rx[mine], mine, period, period), clock)
+            line = Timeline(
+                frame_index=mine,
+                stream=what,
+                t_boot_us=t_us,
+                t_rx_us=rx[mine],
+                period_us=period,
+                rx_period_us=period,
+                lost=np.zeros_like(mine),
+                received=mine,
+            )
+            turns += liveness.take(line, clock)
         turns += liveness.pass_silence(clock)
     return turns, liveness
 
 
-def moments(story: Sequence[Message], **more: int) -> list[tuple[str, int, int]]:
+def moments(story: Sequence[Message], *, period_ms: int = 100) -> list[tuple[str, int, int]]:
     """(what, stream, boot ms) of each turn."""
-    return [(turn.what, turn.stream, turn.t_boot_us // 1000) for turn in told(story, **more)[0]]
+    return [(turn.what, turn.stream, turn.t_boot_us // 1000) for turn in told(story, period_ms=period_ms)[0]]
 
 
 def both(first_ms: int, last_ms: int, step_ms: int = 100) -> list[Message]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
 
 from gcs_bridge.contract import Diagnosis
@@ -226,6 +227,7 @@ def test_of_a_shelved_alarm_nothing_is_undone(tmp_path: Path) -> None:
                     sink.events(monitor.shelve(event.id, now_us, 3600.0))
         sink.finish()
     recording = Drawn(path)
+    assert shelved_us is not None
     assert recording.rows(CORRECTED, CLEAR, "utc")[0].tolist() == [shelved_us]
     assert recording.rows(CORRECTED, TURN, "utc")[0].max() <= shelved_us
     assert recording.rows(GHOST, TURN, "utc")[0].max() > shelved_us + 5_000_000
@@ -312,7 +314,7 @@ def test_a_display_offset_turns_what_is_drawn_and_nothing_that_is_compared(tmp_p
 def test_a_real_tailsitter_in_forward_flight_is_drawn_lying(tmp_path: Path) -> None:
     """PX4's, by pymavlink's own reading: its nose is straight down by q, and near the horizon as it is drawn."""
     path = FIXTURES / "k13b_px4_tailsitter_fw.tlog"
-    messages = [wire.mavlink.MAVLink(None).parse_char(frame) for _, frame in wire.records(path.read_bytes())]
+    messages = [mavlink.MAVLink(None).parse_char(frame) for _, frame in wire.records(path.read_bytes())]
     sent = [message for message in messages if message.get_type() == "ATTITUDE_QUATERNION"]
     holds = [
         (1000 * message.time_boot_ms, message.repr_offset_q)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_bridge.cli import main
 from gcs_bridge.recordings.faults import parse_fault
@@ -28,9 +29,7 @@ def test_the_file_holds_the_moment(moment: Path) -> None:
     """Rerun's own check is content; the rows are those of pymavlink within 10 s; the alarm is in the log."""
     verify(moment)
     drawn = Drawn(moment)
-    frames = [
-        wire.mavlink.MAVLink(None).parse_char(f) for _, f in wire.records((moment.parents[3] / "a.tlog").read_bytes())
-    ]
+    frames = [mavlink.MAVLink(None).parse_char(f) for _, f in wire.records((moment.parents[3] / "a.tlog").read_bytes())]
     boot_us, xyzw = drawn.numbers("/vehicle/1.1/body/quaternion", "Transform3D:quaternion")
     times, levels = drawn.rows("/vehicle/1.1/events", "TextLog:level")
     (raised_us, *_) = [time for time, level in zip(times.tolist(), levels, strict=True) if level == ["CRITICAL"]]
@@ -40,7 +39,7 @@ def test_the_file_holds_the_moment(moment: Path) -> None:
         if m.get_type() == "ATTITUDE_QUATERNION" and abs(1000 * m.time_boot_ms - raised_us) <= 10_000_000
     ]
     assert boot_us.tolist() == [1000 * m.time_boot_ms for m in sent]
-    assert np.array_equal(xyzw, np.float32([[m.q2, m.q3, m.q4, m.q1] for m in sent]))
+    assert np.array_equal(xyzw, np.array([[m.q2, m.q3, m.q4, m.q1] for m in sent], np.float32))
     _, disagreement = drawn.rows("/vehicle/1.1/disagreement", "Scalars:scalars")
     assert disagreement[-1] == pytest.approx([25, 0.52, 0, 25], abs=1e-3)
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
+from scipy.spatial.transform import Rotation
 
 from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.cli import main
@@ -61,7 +62,7 @@ def test_every_quaternion_of_a_50_hz_recording_is_written_as_sent(acro: Path) ->
     boot_us, xyzw = recording.numbers("/vehicle/1.1/body/quaternion", "Transform3D:quaternion")
     assert len(sent) == len(xyzw) == 2049
     assert boot_us.tolist() == [1000 * message.time_boot_ms for message in sent]
-    assert np.array_equal(xyzw, np.float32([[m.q2, m.q3, m.q4, m.q1] for m in sent]))
+    assert np.array_equal(xyzw, np.array([[m.q2, m.q3, m.q4, m.q1] for m in sent], np.float32))
     rx_us, _ = recording.rows("/vehicle/1.1/body/quaternion", "Transform3D:quaternion", "utc")
     assert np.abs(rx_us - np.array([1e6 * message._timestamp for message in sent])).max() <= 1
 
@@ -83,7 +84,7 @@ def test_a_saved_recording_passes_reruns_own_check(acro: Path) -> None:
 
 def test_the_disagreement_of_a_turned_quaternion_is_drawn_with_its_limit(tmp_path: Path) -> None:
     """Yaw 25° against yaw 0°: angle and heading 25°, tilt 0°, limit 0.52° at one instant; then an alarm, red."""
-    turned = wire.wxyz(wire.Rotation.from_euler("Z", 25, degrees=True))
+    turned = wire.wxyz(Rotation.from_euler("Z", 25, degrees=True))
     records = []
     for i in range(100):
         at = (wire.START_US + 40_000 * i, 1000 + 40 * i)
@@ -107,7 +108,7 @@ def moving(headings_deg: Any, force: Any) -> list[tuple[int, bytes]]:
         if i % 25 == 0:
             records.append((now_us, wire.heartbeat()))
         if i < len(headings_deg):
-            turned = wire.wxyz(wire.Rotation.from_euler("Z", headings_deg[i], degrees=True))
+            turned = wire.wxyz(Rotation.from_euler("Z", headings_deg[i], degrees=True))
             records.append((now_us, wire.attitude_quaternion(ms, turned)))
         imu = mavlink.MAVLink_highres_imu_message(1000 * ms, *force(i), *[0] * 10, fields_updated=63)
         records.append((now_us, wire.pack(imu)))

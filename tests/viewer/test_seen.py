@@ -226,11 +226,14 @@ def test_a_window_opens_at_the_alarm_and_its_end_is_told(tmp_path: Path, monkeyp
             monitor = Monitor(observer=sink.observe)
             told = monitor.feed_recording(flown)
             sink.events(told)
-            raised = [event for event in told if isinstance(event, AlarmRaised)]
+            raised = [event.boot_s for event in told if isinstance(event, AlarmRaised)]
             assert sink.finish("alarm")
+            assert raised[0] is not None
+            at_ns = round(raised[0] * 1e9)
             window = viewer._window
+            assert window is not None
             seen = Headless(window._port, window.process)
-            eventually(lambda: seen.client.get_state().recordings[0].current_time == round(raised[0].boot_s * 1e9))
+            eventually(lambda: seen.client.get_state().recordings[0].current_time == at_ns)
             os.killpg(window.process.pid, signal.SIGKILL)
             eventually(lambda: len(said) == 2)
             assert "failure" in said[1]

@@ -1,0 +1,55 @@
+"""AHRS_TRIM in force at each frame: as it is told, and as it shows in ATTITUDE where it is not.
+
+An inertial sensor's axes are the body's before the trim: whoever compares both must turn by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from gcs_bridge.columns import Floats, Int64s
+from gcs_bridge.expected.vehicle import Corrected
+from gcs_bridge.telemetry.statements import ParameterSet, Statement, StepSignal
+
+_NAMES = ("AHRS_TRIM_X", "AHRS_TRIM_Y")
+
+
+class TrimsInForce:
+    """Of one vehicle; values that were told count from their frame on."""
+
+    def __init__(self) -> None:
+        """Start untrimmed."""
+        self._told: list[ParameterSet] = []  # that are not in force yet
+        self._in_force = {name: StepSignal(0.0) for name in _NAMES}
+        self._undone_rad = np.zeros(3)  # as it was undone last
+
+    def hear(self, statements: Iterable[Statement]) -> None:
+        """Take what the vehicle said of itself."""
+        self._told += [say for say in statements if isinstance(say, ParameterSet) and say.name in _NAMES]
+
+    def follow(self, corrected: Corrected) -> None:
+        """Take what was undone in the next samples of ATTITUDE."""
+        undone = np.vstack((self._undone_rad, corrected.trim_b_rad))
+        changes = np.flatnonzero((np.diff(undone, axis=0) != 0).any(axis=1))
+        self._undone_rad = undone[-1]
+        news = [(say.frame_index, say.name, say.value) for say in self._told]
+        self._told.clear()
+        for row in changes.tolist():
+            news += [
+                (int(corrected.frame_index[row]), name, value)
+                for name, value in zip(_NAMES, undone[row + 1], strict=False)
+            ]
+        for frame_index, name, value in sorted(news):
+            self._in_force[name].put(np.array([frame_index]), np.array([value]))
+
+    def at(self, frame_indices: Int64s) -> Floats:
+        """The turn (n, 3), rad, from the body's axes to the sensor's, at the frames (n,)."""
+        by_axis = [trim.at(frame_indices) for trim in self._in_force.values()]
+        return np.column_stack([*by_axis, np.zeros(len(frame_indices))])
+
+    def forget(self, frame_index: int) -> None:
+        """Nothing will be asked about frames before this one."""
+        for trim in self._in_force.values():
+            trim.forget(frame_index)

@@ -1,0 +1,134 @@
+"""What the checks of a vehicle come to: a verdict each, the reason for it, and the vehicle's own.
+
+A verdict is cheap, as it is asked for while the vehicle flies; its reason is put into words for the report alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from gcs_bridge.alarms.manager import AlarmManager
+from gcs_bridge.checks.base import Check
+from gcs_bridge.checks.euler_quaternion import EulerQuaternion
+from gcs_bridge.contract import ExplainedBy, Severity, known
+from gcs_bridge.expected import Expected
+from gcs_bridge.mavlink.requests import request_command
+from gcs_bridge.report import schema
+from gcs_bridge.settings import Settings
+from gcs_bridge.telemetry.samples import STREAMS
+from gcs_bridge.telemetry.stream_counts import StreamCount
+
+_SEVERITIES: tuple[Severity, ...] = ("alarm", "warning")  # worst first
+
+
+class Verdicts:
+    """Of one vehicle, by what its checks, alarms and streams show when they are asked for."""
+
+    def __init__(
+        self,
+        checks: Sequence[Check],
+        alarms: AlarmManager,
+        expected: Expected,
+        streams: Mapping[str, StreamCount],
+        settings: Settings,
+    ) -> None:
+        """Look at these, which go on changing."""
+        self.left_pending = False  # a boot ended before its alarm's on-delay did
+        self._checks = checks
+        self._euler_quaternion = next(check for check in checks if isinstance(check, EulerQuaternion))
+        self._alarms = alarms
+        self._expected = expected
+        self._streams = streams
+        self._settings = settings
+
+    def of_vehicle(self) -> schema.Verdict:
+        """The worst of its alarms; else whether any attitude comparator judged it."""
+        severities = {alarm.severity for alarm in self._alarms.alarms}
+        for severity in _SEVERITIES:
+            if severity in severities:
+                return severity
+        judged = any(check.compares and self.of_check(check) in ("agree", "explained") for check in self._checks)
+        return "agree" if judged and not self._undecided else "no_compare"
+
+    def of_check(self, check: Check) -> schema.CheckVerdict:
+        """The verdict of one check."""
+        severities = {alarm.severity for alarm in self._alarms.alarms if alarm.check == check.name}
+        for severity in _SEVERITIES:
+            if severity in severities:
+                return severity
+        if check.broken is not None:
+            return "inop"
+        if check.judged < self._settings.alarm.counted_samples:
+            return "no_compare"
+        if check is not self._euler_quaternion:
+            return "agree" if check.tells else "no_compare"
+        if self._undecided:
+            return "no_compare"
+        return "explained" if self._expected.explains else "agree"
+
+    def entry(self, check: Check, autopilot: str, both_alive_us: int) -> schema.Check:
+        """The report's entry of one check; `both_alive_us`: for so long both attitude streams were alive."""
+        numbers = check.numbers()
+        explained_by: list[ExplainedBy] = []
+        if check is self._euler_quaternion:
+            numbers["coverage"] = min(check.judged_us / both_alive_us, 1.0) if both_alive_us > 0 else None
+            explained_by = self._expected.explanations()
+        verdict = self.of_check(check)
+        reason = self._reason(check, verdict, autopilot)
+        remark = check.remark if verdict in ("agree", "explained", "no_compare") else None
+        return schema.Check(
+            name=check.name,
+            verdict=verdict,
+            reason=f"{reason}; {remark}" if remark else reason,
+            unit=check.unit,
+            **numbers,
+            lag_ms=known(self._euler_quaternion.lag_ms) if check is self._euler_quaternion else None,
+            explained_by=tuple(explained_by),
+        )
+
+    def _reason(self, check: Check, verdict: schema.CheckVerdict, autopilot: str) -> str:
+        if verdict in _SEVERITIES:
+            found = [alarm for alarm in self._alarms.alarms if (alarm.check, alarm.severity) == (check.name, verdict)]
+            worst = max(found, key=lambda alarm: alarm.peak)
+            count = f"1 {verdict}" if len(found) == 1 else f"{len(found)} {verdict}s"
+            return f"{count}: {worst.what}, up to {worst.peak:.3g} {worst.unit}".replace(" deg", "°")
+        if verdict == "inop":
+            return check.broken or ""
+        if verdict == "no_compare":
+            return self._why_not_compared(autopilot) if check is self._euler_quaternion else check.why_not()
+        if verdict == "explained":
+            return "the firmware sends the two forms differently on purpose, by what was undone here"
+        return check.ok_text
+
+    @property
+    def _undecided(self) -> bool:
+        """Whether the two forms disagreed, and the alarm's votes and delays never came to decide on it."""
+        check = self._euler_quaternion
+        return self.left_pending or 2 * check.bad > check.counted or self._alarms.pending(check.name)
+
+    def _why_not_compared(self, autopilot: str) -> str:
+        """Why the two forms of the attitude could not be compared, or came to no decision."""
+        check, least = self._euler_quaternion, self._settings.alarm.counted_samples
+        if check.judged >= least:
+            differs = f"{check.bad} of {check.counted} pairs differ, by up to {math.degrees(check.residual.max):.3g}°"
+            return f"{differs}, but for too short a time or too seldom to raise an alarm"
+        missing = [name for name in STREAMS if name not in self._streams]
+        if len(missing) == len(STREAMS):
+            return "neither ATTITUDE nor ATTITUDE_QUATERNION was received"
+        if missing:
+            return f"{missing[0]} was never received: {_how_to_get(missing[0], autopilot)}"
+        usable = {name: self._streams[name].count - self._streams[name].invalid for name in STREAMS}
+        rarest = min(STREAMS, key=lambda name: usable[name])
+        if usable[rarest] < least:
+            return f"only {usable[rarest]} usable samples of {rarest}: {_how_to_get(rarest, autopilot)}"
+        return (
+            f"only {check.judged} pairs could be judged: the two streams never came at one instant, "
+            f"nor with gaps below {self._settings.alignment.max_gap_s:g} s and body rates to interpolate with"
+        )
+
+
+def _how_to_get(message: str, autopilot: str) -> str:
+    """What to do about a message that does not come."""
+    where, command = request_command(message, autopilot)
+    return f"ask for it, in {where}: {command}"
