@@ -213,7 +213,7 @@ def test_the_judge_is_asked_as_the_user_asked(judge: Callable[[Judge], None], tm
 def test_interrupted(judge: Callable[[Judge], None], capsys: pytest.CaptureFixture[str]) -> None:
     """Ctrl-C ends with 130 and one line."""
 
-    def interrupt(*_: Any, **__: Any) -> dict[str, Any]:
+    def interrupt(*_: Any, **__: Any) -> File:
         raise KeyboardInterrupt
 
     judge(interrupt)
