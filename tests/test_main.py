@@ -17,6 +17,7 @@ def run(*arguments: str) -> tuple["subprocess.CompletedProcess[str]", "subproces
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [

@@ -152,6 +152,7 @@ def test_three_a_minute_are_a_chatter() -> None:
     assert (second["repeats"], second["grouped"]) == (0, None)
 
 
+@pytest.mark.slow
 def test_ten_of_any_within_ten_minutes_are_a_flood() -> None:
     """Five excursions 31 s apart, each of norm and angle: the tenth raise is part of a flood, the ninth is not."""
 
@@ -285,6 +286,7 @@ def test_unshelved_when_it_is_gone() -> None:
     assert [event["event"] for event in watch.monitor.unshelve(ID, rx_us(20))] == ["alarm_unshelved"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_once", [True, False])
 def test_shelving_ends_wherever_the_pieces_are_cut(at_once: bool) -> None:
     """Shelved at 7 s for 10 s: at 17 s it is told as unshelved, still standing, and its end at 21.4 s as well."""
@@ -300,6 +302,7 @@ def test_shelving_ends_wherever_the_pieces_are_cut(at_once: bool) -> None:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_once", [True, False])
 def test_what_comes_behind_the_shelving_is_told(at_once: bool) -> None:
     """Shelved from 7 to 17 s: the return within is not told, that behind is."""

@@ -435,6 +435,7 @@ _stories = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(_stories, st.lists(st.integers(0, 200), max_size=10))
 def test_the_cut_into_batches_changes_nothing(parts: list[tuple[int, float, int]], cuts: list[int]) -> None:

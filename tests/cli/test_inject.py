@@ -135,6 +135,7 @@ def test_chance_has_a_seed(inject: Any) -> None:
     assert a == b != c
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", [DAMAGED, SIGNED, SITL / "g_mavlink1.tlog"])
 def test_damaged_signed_and_old_recordings(source: Path, inject: Any) -> None:
     """They are falsified as well, and `check` reads what is written: it finds the 90° that were put in."""

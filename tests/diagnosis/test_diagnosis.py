@@ -28,6 +28,7 @@ from gcs_bridge.recordings.inject import inject
 from gcs_bridge.settings import AlignmentSettings
 from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples
 from tests.helpers import diagnosis_oracle as oracle
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES as SITL
 from tests.helpers.wire import Motion, record, records
 
@@ -131,7 +132,7 @@ def injected(folder: Path, name: str, *faults: str, **scope: Any) -> Path:
     return path
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", one_in(4, FAULTS))
 @pytest.mark.parametrize(("name", "rates"), [*((f, "as it is") for f in FLIGHTS), ("b_copter_acro", "10 and 4 Hz")])
 def test_each_cause_is_named(tmp_path: Path, name: str, rates: str, fault: str) -> None:
     """In flight each mistake of the table is named, alone and with its value, at full rate and at common ones."""
@@ -452,6 +453,7 @@ def test_what_barely_explains_too_few_pairs_is_not_named(tmp_path: Path) -> None
     assert found["cause"] == "unknown" or "time_skew" in found["candidates"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "sysid", "rates", "fault", "begin"),
     [
@@ -620,6 +622,7 @@ def staggered(folder: Path, name: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "cause", "value"),
     [

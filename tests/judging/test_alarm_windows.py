@@ -206,6 +206,7 @@ def test_an_alarm_that_comes_again_has_one_moment() -> None:
     assert moment.t_boot_us == pytest.approx(21.1e6, abs=0.1e6)  # the third bad sample, and a second
 
 
+@pytest.mark.slow
 def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without an alarm, some 15 s are kept of 60; and of a clock that stands still no more than so many frames."""
 

@@ -245,6 +245,7 @@ def recording(name: str) -> bytes:
     return told(t, level, force(level, np.where((np.abs(t - 4.5) < 0.5)[:, None], [2.0, 1.0, 0.5], 0.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["by hand", "b2_mixed_rates", "h_lossy_dirty"])
 def test_motion_does_not_depend_on_the_cut(name: str) -> None:
     """Whole, in 100 pieces, and held back: the motion is the same bit for bit."""

@@ -13,6 +13,7 @@ from gcs_bridge import Monitor
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from tests.helpers import wire
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES as SITL
 from tests.helpers.wire import records
 
@@ -60,7 +61,7 @@ def live(frames: list[tuple[int, bytes]], *, datagrams: bool) -> tuple[list[Json
     return events, entry
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", one_in(6, ALL))
 def test_cut_anywhere(name: str) -> None:
     """Whole, in pieces of 64 KiB, or of any sizes: events and report are the same to the last bit."""
     data = recording(name)

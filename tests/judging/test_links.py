@@ -33,6 +33,7 @@ def until(frames: list[tuple[int, bytes]], seconds: float, since: float = 0.0) -
     return [one for one in frames if wire.START_US + since * S <= one[0] < wire.START_US + seconds * S]
 
 
+@pytest.mark.slow
 def test_one_vehicle_on_two_links_has_two_alarms() -> None:
     """Each has an id of its own, and is acknowledged by it alone; the first link's is as if it were alone."""
     monitor = Monitor()
@@ -48,6 +49,7 @@ def test_one_vehicle_on_two_links_has_two_alarms() -> None:
     assert [alarm["acknowledged"] for alarm in second if alarm["id"] == raised[1]["id"]] == [True]
 
 
+@pytest.mark.slow
 def test_of_two_links_the_one_that_ends_loses_its_vehicle_in_time() -> None:
     """Its alarm can still be acknowledged; it is stale 2 s, and lost 5 s, behind its last frame; the other goes on."""
     monitor = Monitor()
@@ -112,6 +114,7 @@ def test_a_link_that_was_closed_is_open_again_with_its_next_bytes() -> None:
         monitor.open_link(2)
 
 
+@pytest.mark.slow
 def test_observers_see_vehicles_alone_and_all_of_them() -> None:
     """A ground station that sends attitudes is shown to nobody; of a vehicle that is known late nothing is missing."""
     station = [

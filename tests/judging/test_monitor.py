@@ -389,6 +389,7 @@ def test_a_message_that_stops_twice() -> None:
     assert [event["event"] for event in events[3:] if not event["event"].startswith("alarm")] == turn * 2
 
 
+@pytest.mark.slow
 def test_deadlines_while_nothing_comes() -> None:
     """`advance` tells of a silent stream once, when 2 s have passed, with the deadline's time in both clocks."""
     monitor = Monitor()
@@ -422,6 +423,7 @@ def test_deadline_of_a_slow_stream_early_on() -> None:
     assert monitor.advance(at_s(14.5)) == []
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_falls_silent() -> None:
     """After a longer silence of everything the vehicle is lost, told once, and seen again with its next message."""
     monitor = Monitor()
@@ -589,6 +591,7 @@ def test_a_damaged_datagram_waits_for_nothing() -> None:
     assert [event["event"] for event in monitor.feed(wire.heartbeat(), at_s(0))] == ["vehicle_seen"]
 
 
+@pytest.mark.slow
 def test_two_links() -> None:
     """The same system on two links is two vehicles, each judged by what its own link brought."""
     monitor = Monitor()

@@ -107,6 +107,7 @@ def test_live_is_recorded_over_udp(name: str, recording: Recording) -> None:
     assert (judged, alarms(live.events)) == recorded(tlog_of(frames)) == recorded(recording.read())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "cut"), [("a plane's pitch trim", None), ("two vehicles", None), ("a reboot", 61)])
 def test_live_is_recorded_over_tcp(name: str, cut: int | None, recording: Recording) -> None:
     """The same where the bytes are a stream, cut at frames or anywhere."""

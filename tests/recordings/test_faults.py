@@ -17,6 +17,7 @@ from gcs_bridge.diagnosis.causes import CAUSES
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from tests.helpers import wire
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES as SITL
 from tests.helpers.wire import records
 
@@ -89,7 +90,7 @@ def disagreement(data: bytes) -> tuple[Any, Any]:
 # --- faults ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("fault", ["quaternion_xyzw", "quaternion_conjugate", "yaw_offset:25"])
+@pytest.mark.parametrize("fault", one_in(3, ["quaternion_xyzw", "quaternion_conjugate", "yaw_offset:25"]))
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_one_alarm_in_time(name: str, fault: str) -> None:
     """A fault from second 12 on raises exactly one alarm of the two forms, within 1.5 s of vehicle time of where SciPy
@@ -132,6 +133,7 @@ def test_a_fault_that_ends_clears_its_alarm(name: str) -> None:
     assert 2.0 <= alarm["cleared_boot_s"] - ended_s <= 2.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thinned", [("thin:ATTITUDE=10",), ("thin:ATTITUDE=10", "thin:ATTITUDE_QUATERNION=4")])
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_in_time_at_common_rates(name: str, thinned: Sequence[str]) -> None:
@@ -154,7 +156,7 @@ def test_in_time_at_common_rates(name: str, thinned: Sequence[str]) -> None:
 CAUSE_NAMES = [c.name for c in CAUSES.values() if c.falsify is not None and c.name != "quaternion_unnormalised"]
 
 
-@pytest.mark.parametrize("cause", CAUSE_NAMES)
+@pytest.mark.parametrize("cause", one_in(4, CAUSE_NAMES))
 def test_every_cause_raises_an_alarm_in_acro(cause: str) -> None:
     """In acro every mistake of the table shows, and gets its name: an alarm behind its onset and none before."""
     vehicle = judged(falsified("b_copter_acro", cause, from_s=20.0))[1]
@@ -166,6 +168,7 @@ def test_every_cause_raises_an_alarm_in_acro(cause: str) -> None:
     assert first["diagnosis"]["cause"] == cause
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("from_s", [0.0, 12.0])
 @pytest.mark.parametrize(
     ("name", "fault", "peak"),
@@ -253,7 +256,9 @@ LINK_FAULTS = [
 
 
 @pytest.mark.parametrize("faults", LINK_FAULTS, ids="+".join)
-@pytest.mark.parametrize("name", [*FLIGHTS, "f_reboot", "b2_mixed_rates", "p_px4_quad_square", "k12_yaw_reset"])
+@pytest.mark.parametrize(
+    "name", one_in(3, [*FLIGHTS, "f_reboot", "b2_mixed_rates", "p_px4_quad_square", "k12_yaw_reset"])
+)
 def test_a_bad_link_is_no_disagreement(name: str, faults: tuple[str, ...]) -> None:
     """Loss, reordering, repetition, thinning and dirt on the link raise no alarm: across a restart, resets, in acro."""
     vehicle = judged(falsified(name, *faults))[1]
@@ -273,7 +278,7 @@ def apart(name: str, every: int) -> bytes:
     return wire.tlog(kept)
 
 
-@pytest.mark.parametrize("every", [2, 4, 12, 25])
+@pytest.mark.parametrize("every", one_in(4, [2, 4, 12, 25]))
 @pytest.mark.parametrize("name", [*FLIGHTS, "b2_mixed_rates", "k12_yaw_reset"])
 def test_forms_that_never_meet(name: str, every: int) -> None:
     """Where the two never share an instant, down to 1 or 2 Hz in acro, what interpolation cannot know is no alarm."""
@@ -298,7 +303,7 @@ def test_loss_at_random(seed: int) -> None:
     assert vehicle["streams"]["ATTITUDE"]["lost"] > 200
 
 
-@pytest.mark.parametrize("name", HEALTHY)
+@pytest.mark.parametrize("name", one_in(4, HEALTHY))
 def test_loss_on_every_healthy_recording(name: str) -> None:
     """20 % of loss on top of whatever else a healthy recording has raises no alarm and no warning."""
     monitor = Monitor()

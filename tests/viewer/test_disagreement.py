@@ -93,6 +93,7 @@ def test_two_mistakes_on_both_sides_are_undone_together(tmp_path: Path) -> None:
     assert apart_deg(xyzw, truth(boot_us).inv())[known].max() < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["quaternion_conjugate", "world_offset:4,0,0", "roll_pitch_swapped"])
 def test_beside_an_untold_trim_the_mistake_is_undone(tmp_path: Path, fault: str) -> None:
     """A copter with an AHRS_TRIM that nobody tells: the corrected triad shows the quaternion as it should be."""
@@ -256,6 +257,7 @@ def test_a_new_boot_begins_with_nothing_shown(tmp_path: Path) -> None:
         assert recording.rows(entity, CLEAR, "boot_1")[0][0] <= first_us
 
 
+@pytest.mark.slow
 def test_however_the_bytes_are_cut_the_same_is_drawn(tmp_path: Path) -> None:
     """Ghost, arc, corrected triad and what is cleared: of a fault that comes and goes, whole and in 100 pieces."""
     data = flown("yaw_offset:25", until_s=14.0)

@@ -134,6 +134,7 @@ def test_a_taken_port_is_passed_over() -> None:
         assert free_port(taken) > taken
 
 
+@pytest.mark.slow
 def test_no_display_gives_the_page_s_address_and_a_signal_ends_it(started: Start) -> None:
     """`auto` without a display: one line with the address of a page, which is there; SIGTERM ends it at once."""
     process = started("replay", RECORDING, "-q")
@@ -154,6 +155,7 @@ def test_no_display_gives_the_page_s_address_and_a_signal_ends_it(started: Start
         urllib.request.urlopen(address, timeout=2)
 
 
+@pytest.mark.slow
 def test_the_page_s_server_ends_with_a_killed_process(started: Start) -> None:
     """Not even kill −9 leaves it behind."""
     process = started("replay", RECORDING, "-q", "--viewer", "web")

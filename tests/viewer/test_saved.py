@@ -173,6 +173,7 @@ def test_each_boots_motion_is_drawn_to_its_end(tmp_path: Path) -> None:
         assert 595 <= sum(drawn_rows) <= 597
 
 
+@pytest.mark.slow
 def test_how_the_bytes_were_cut_does_not_change_what_is_drawn(tmp_path: Path) -> None:
     """A live link's short batches and a whole file give the same rows."""
     records = wire.flight(wire.Motion(6.0), 6.0, quaternion_hz=20.0)
