@@ -46,7 +46,7 @@ STAGES = {
     ],
     "judge (rest)": ["gcs_bridge.judging.vehicle:VehicleJudge.take"],
     "monitor (rest)": ["gcs_bridge.judging.monitor:Monitor.feed_recording", "gcs_bridge.judging.monitor:Monitor.close"],
-    "reading the file, rest": ["gcs_bridge.recordings.source:check_file"],
+    "reading the file, rest": ["gcs_bridge.recordings.check:check_file"],
 }
 
 
@@ -163,7 +163,7 @@ def start_up(head: bytes) -> None:
 
 def judge(path: Path) -> None:
     """Judge the recording with every stage on a clock; print each one's own time."""
-    from gcs_bridge.recordings import source as recording
+    from gcs_bridge.recordings import check as recording
     from gcs_bridge.settings import Settings
 
     clock = Clock()

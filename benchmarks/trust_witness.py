@@ -67,7 +67,12 @@ class Naive:
         t_rx_us = np.concatenate([samples.t_rx_us for samples in valid])[order][known]
         angle = angle[known]
         rated = Rated(
-            t_rx_us, both[order][known], angle, angle > _LIMIT, angle <= _LOW, np.full((len(known), 5), np.nan)
+            frame_index=both[order][known],
+            t_boot_us=t_rx_us,
+            value=angle,
+            bad=angle > _LIMIT,
+            low=angle <= _LOW,
+            detail=np.full((len(known), 5), np.nan),
         )
         for change in self._alarm.feed(rated):
             self.alarms += change.state is State.RAISED and change.before in PENDING

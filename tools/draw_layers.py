@@ -114,12 +114,12 @@ def is_wide(width: float) -> bool:
 
 
 def first_sentence(docstring: str) -> str:
-    """The docstring's beginning up to its first full stop, without it.
+    """The docstring's beginning up to its first full stop, without it and without marks of code.
 
     >>> first_sentence("Links, e.g. by UDP:\\n   read by us. Never written to.")
     'Links, e.g. by UDP: read by us'
     """
-    return re.split(r"\.(?:\s+(?=[A-Z`])|$)", " ".join(docstring.split()), maxsplit=1)[0]
+    return re.split(r"\.(?:\s+(?=[A-Z`])|$)", " ".join(docstring.split()), maxsplit=1)[0].replace("`", "")
 
 
 def source_of(name: str) -> Path:

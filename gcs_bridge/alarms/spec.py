@@ -35,7 +35,7 @@ class AlarmSpec:
 
 
 class RatedSamples(NamedTuple):
-    """What a check found for one of its alarm_specs."""
+    """What a check found for one of its alarms."""
 
     spec: AlarmSpec
     rated: Rated

@@ -172,7 +172,7 @@ class Alarm:
         self._now_us = 0  # the latest sample's time: one that comes late does not turn the delays back
         self._since_us = 0
         self._voted_us = 0  # when the vote was bad last
-        self._short: deque[_Short] = deque()
+        self._short: list[_Short] = []  # a few: and each deque, even an empty one, takes 0.8 kB
         self.worst = Worst(-1.0, np.empty(0))  # of the present excursion
         self._onset_us = -1
 
@@ -225,7 +225,7 @@ class Alarm:
     def _recurs(self, waited_us: int) -> bool:
         """Whether the pending excursion is one of several that were too short: a lag comes and goes."""
         while self._short and self._short[0].since_us < self._now_us - self._recurring_window_us:
-            self._short.popleft()
+            del self._short[0]
         lasted_us = waited_us + sum(one.until_us - one.since_us for one in self._short)
         if len(self._short) < _RECURRING_EXCURSIONS - 1 or lasted_us < _RECURRING_DELAYS * self._on_delay_us:
             return False

@@ -15,7 +15,7 @@ _SMALLEST = 1e-12  # anything below counts as zero
 _LARGEST = 1e4
 _LOG_RATIO = math.log(1.001)
 _BINS = math.ceil(math.log(_LARGEST / _SMALLEST) / _LOG_RATIO) + 1
-_BLOCK = 256  # bins, a factor of 1.3 between numbers, for which there is room as soon as one of them is needed
+_BLOCK = 128  # bins, a factor of 1.14 between numbers, for which there is room as soon as one of them is needed
 _BLOCKS = _BINS // _BLOCK + 1
 
 
@@ -59,7 +59,7 @@ class _Bins:
     """
 
     def __init__(self) -> None:
-        self._place = np.full(_BLOCKS, -1)  # of each block among those kept; −1: none of its bins was needed yet
+        self._place = np.full(_BLOCKS, -1, np.int16)  # of each block; −1: none of its bins was needed yet
         self._kept = 0
         self._counts = np.zeros(0, np.int64)
         self._sums = np.zeros(0)
@@ -70,14 +70,16 @@ class _Bins:
         if place.min() < 0:
             self._make_room(np.unique(bins[place < 0] // _BLOCK))
             place = self._place[bins // _BLOCK]
-        at = place * _BLOCK + bins % _BLOCK
+        at = place.astype(np.int64) * _BLOCK + bins % _BLOCK
         np.add.at(self._counts, at, 1)
         np.add.at(self._sums, at, values)
 
     def _make_room(self, blocks: npt.NDArray[np.int64]) -> None:
         self._place[blocks] = np.arange(self._kept, self._kept + len(blocks))
         self._kept += len(blocks)
-        new = self._kept * _BLOCK - len(self._counts)
+        if self._kept * _BLOCK <= len(self._counts):
+            return
+        new = max(self._kept * _BLOCK - len(self._counts), len(self._counts))  # twice the room at least: copied seldom
         self._counts, self._sums = (
             np.append(self._counts, np.zeros(new, np.int64)),
             np.append(self._sums, np.zeros(new)),

@@ -1,4 +1,7 @@
-"""What checks remember of the last seconds: sums, and how fast a stream turned."""
+"""What checks remember of the last seconds: sums, and how fast a stream turned.
+
+Times and numbers: what they are of is not known here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What each message shows by itself: its norm, a payload that stands still, its steps against its own rates."""
+"""What each message shows by itself: its norm, a payload that stands still, its steps against its own rates.
+
+Neither is compared with the other here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What a diagnosis says: what to change, which motion would tell, and what the unexplained looks like."""
+"""What a diagnosis says: what to change, which motion would tell, and what the unexplained looks like.
+
+Nothing is decided here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What ArduPilot's parameters and modes tell of the differences that it makes, and what they leave open."""
+"""What ArduPilot's parameters and modes tell of the differences that it makes, and what they leave open.
+
+No sample is looked at here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames to structured arrays: all payloads of one message gathered at once."""
+"""Frames to structured arrays: all payloads of one message gathered at once. What a field means is not known here."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Finds the frames of a link or recording, piece by piece, and keeps count of what was damaged."""
+"""Finds the frames of a link or recording, piece by piece, and keeps count of what was damaged.
+
+What they hold is not known here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The error bound of an interpolated attitude, and what it rests on: how far a step is from what its rates say."""
+"""The error bound of an interpolated attitude, and what it rests on: how far a step is from what its rates say.
+
+Which samples are a pair is not decided here.
+"""
 
 from __future__ import annotations
 

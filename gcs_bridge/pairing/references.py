@@ -1,4 +1,7 @@
-"""The one attitude and the one inertial sensor of a vehicle that others are compared with."""
+"""The one attitude and the one inertial sensor of a vehicle that others are compared with.
+
+What they are compared for is not known here.
+"""
 
 from __future__ import annotations
 

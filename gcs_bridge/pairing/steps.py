@@ -1,4 +1,7 @@
-"""The steps of a stream from sample to sample, and its last samples, in which partners are looked for."""
+"""The steps of a stream from sample to sample, and its last samples, in which partners are looked for.
+
+What a step means is not judged here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What one batch of frames brought of one vehicle, with the place of each sample on its link."""
+"""What one batch of frames brought of one vehicle, with the place of each sample on its link.
+
+Data alone: nothing is decided here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What the numbers of an inertial message mean: RAW_IMU defines no unit, and firmwares differ."""
+"""What the numbers of an inertial message mean: RAW_IMU defines no unit, and firmwares differ.
+
+It looks at numbers alone, and knows no vehicle.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The receive time of a link, frame by frame: it does not run back with single record times."""
+"""The receive time of a link, frame by frame: it does not run back with single record times. It knows no vehicle."""
 
 from __future__ import annotations
 

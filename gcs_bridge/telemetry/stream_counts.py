@@ -1,4 +1,7 @@
-"""What came of one message: how many, how often, with what gaps, and how many went missing."""
+"""What came of one message: how many, how often, with what gaps, and how many went missing.
+
+What is in them is not looked at here.
+"""
 
 from __future__ import annotations
 

@@ -20,6 +20,8 @@ triad shows the faulty side without it: it falls onto the other. Beside all hang
     vehicle/1.1/body/down/…        down by the attitude and by the accelerometer, in north-east-down
     vehicle/1.1/motion/…           of the inertial samples: see `MOTION`; _h is the level frame
     vehicle/1.1/events             text
+
+Where several links are listened to, a vehicle of another than the first is `vehicle/link2-1.1`.
 """
 
 from __future__ import annotations

@@ -239,6 +239,18 @@ def test_a_shelf_that_ends_in_a_later_boot_without_the_alarm() -> None:
     assert desk.announced(ALARM) is Announcement.TOLD
 
 
+def test_a_shelf_that_ends_in_a_later_boot_beside_an_alarm() -> None:
+    """Suppressed there, the warning was not raised yet: nothing is told before its alarm goes."""
+    desk = Desk()
+    desk.tell(warning=BAD)
+    desk.shelve(seconds=1.5)
+    desk.manager.start_boot(1)
+    assert desk.tell(warning=BAD, alarm=BAD) == both("pending", "raised", alarm_id="1.1-level-1-1")
+    assert desk.tell(BAD, BAD) == desk.tell(BAD, BAD) == []
+    assert desk.announced() is Announcement.SUPPRESSED
+    assert desk.tell(warning=BAD) == [("cleared", "1.1-level-1-1"), ("raised", "1.1-level-warning-1-1")]
+
+
 def test_what_is_not_on_the_shelf_cannot_be_taken_from_it() -> None:
     """Refused in a sentence that names it."""
     desk = Desk()

@@ -61,6 +61,17 @@ def test_where_the_alarm_is_with_a_frame() -> None:
     assert found == [(0, "pending", 5.0), (0, "raised", 5.0), (2, "raised", 6.0)]
 
 
+def test_each_sample_counts_once() -> None:
+    """What came before a signal is not taken again behind it."""
+    assert changes(AlarmSlot(SPEC), samples(5, 0, 0), (2, None)) == [
+        (0, "pending", 5.0),
+        (0, "raised", 5.0),
+        (1, "clearing", 5.0),
+        (1, "returned", 5.0),
+        (2, "returned", 5.0),
+    ]
+
+
 def test_a_new_boot_forgets_all_but_the_shelf() -> None:
     """What was shelved stays so; what was suppressed is over with the boot."""
     slot = AlarmSlot(SPEC)

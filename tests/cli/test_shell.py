@@ -16,13 +16,14 @@ from gcs_bridge._version import __version__
 from gcs_bridge.cli import main
 from gcs_bridge.cli.check import find_recordings
 from gcs_bridge.errors import SourceError, UsageError
+from gcs_bridge.report.schema import File
 from tests.helpers.paths import ROOT
-from tests.helpers.report_entries import entry, vehicle, without_quaternion
+from tests.helpers.report_entries import file, vehicle, without_quaternion
 
-Judge = Callable[..., dict[str, Any]]
+Judge = Callable[..., File]
 
 
-def judged_by_name(path: Path, settings: Any, **asked: Any) -> dict[str, Any]:
+def judged_by_name(path: Path, settings: Any, **asked: Any) -> File:
     """What the made-up judge finds depends on the file's name."""
     asked["progress"](1, 1)
     name = path.name.split(".")[0]
@@ -33,7 +34,7 @@ def judged_by_name(path: Path, settings: Any, **asked: Any) -> dict[str, Any]:
     if name.startswith("bug"):
         raise ZeroDivisionError
     one = without_quaternion() if name == "no_compare" else vehicle(name)
-    return entry(one, verdict=name, path=str(path))
+    return file(one, verdict=name, path=str(path))
 
 
 @pytest.fixture
@@ -195,9 +196,9 @@ def test_the_judge_is_asked_as_the_user_asked(judge: Callable[[Judge], None], tm
     """Dialect, system, times and settings reach the judge."""
     asked: dict[str, Any] = {}
 
-    def note(path: Path, settings: Any, **options: Any) -> dict[str, Any]:
+    def note(path: Path, settings: Any, **options: Any) -> File:
         asked.update(options, path=path, settings=settings)
-        return entry(vehicle())
+        return file(vehicle())
 
     judge(note)
     own = tmp_path / "own.toml"
@@ -212,7 +213,7 @@ def test_the_judge_is_asked_as_the_user_asked(judge: Callable[[Judge], None], tm
 def test_interrupted(judge: Callable[[Judge], None], capsys: pytest.CaptureFixture[str]) -> None:
     """Ctrl-C ends with 130 and one line."""
 
-    def interrupt(*_: Any, **__: Any) -> dict[str, Any]:
+    def interrupt(*_: Any, **__: Any) -> File:
         raise KeyboardInterrupt
 
     judge(interrupt)
@@ -309,9 +310,9 @@ def test_colours_on_a_terminal(
 WITHOUT_CORE = """
 import sys, types
 sys.path.insert(0, {root!r})
-from tests.helpers.report_entries import entry, vehicle
+from tests.helpers.report_entries import file, vehicle
 core = sys.modules["gcs_bridge.recordings.check"] = types.ModuleType("gcs_bridge.recordings.source")
-core.check_file = lambda path, *_, **__: entry(*[vehicle()] * {vehicles}, path=str(path))
+core.check_file = lambda path, *_, **__: file(*[vehicle()] * {vehicles}, path=str(path))
 from gcs_bridge.cli import main
 sys.exit(main(["check", "flight ° \\udcff.tlog", "--format", {form!r}]))
 """

@@ -4,6 +4,7 @@ from typing import Any
 
 import msgspec
 
+from gcs_bridge.contract import readable
 from gcs_bridge.report import Report
 from gcs_bridge.report.schema import File
 
@@ -112,6 +113,11 @@ def without_quaternion(verdict: str = "no_compare", **changes: Any) -> dict[str,
 
 def entry(*vehicles: dict[str, Any], verdict: str = "agree", path: str = "flight.tlog") -> dict[str, Any]:
     return {"path": path, "bytes": 1_648_395, "verdict": verdict, "salvage": SALVAGE, "vehicles": list(vehicles)}
+
+
+def file(*vehicles: dict[str, Any], verdict: str = "agree", path: str = "flight.tlog") -> File:
+    """The same, as a judge gives it."""
+    return msgspec.convert(entry(*vehicles, verdict=verdict, path=readable(path)), File)
 
 
 def report(*files: dict[str, Any]) -> Report:

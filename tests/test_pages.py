@@ -1,0 +1,59 @@
+"""What README.md and docs/ show in Python runs as it stands."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gcs_bridge import Monitor
+from gcs_bridge.recordings.faults import parse_fault
+from gcs_bridge.recordings.inject import inject
+from tests.helpers.paths import FIXTURES, ROOT
+
+RECORDING = FIXTURES / "c_copter_4hz.tlog"
+FAULTY = inject(RECORDING.read_bytes(), [parse_fault("yaw_offset:25")], from_s=5.0, to_s=10.0)
+
+
+def python_blocks(page: str, heading: str) -> list[str]:
+    section = re.split(r"^## ", (ROOT / page).read_text(encoding="utf-8"), flags=re.MULTILINE)
+    (found,) = [text for text in section if text.startswith(heading + "\n")]
+    return re.findall(r"^```python\n(.*?)^```$", found, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def link() -> Iterator[tuple[bytes, int]]:
+    """The faulty recording's frames as a link would bring them, some at a time."""
+    frames: list[tuple[bytes, int]] = []
+    monitor = Monitor(on_frames=lambda _link, came: frames.extend((data, t_rx_us) for t_rx_us, data in came))
+    monitor.feed_recording(FAULTY)
+    pieces = [frames[at : at + 50] for at in range(0, len(frames), 50)]
+    return iter([(b"".join(data for data, _ in piece), piece[-1][1]) for piece in pieces])
+
+
+@pytest.mark.parametrize(
+    ("page", "heading", "said"),
+    [
+        ("README.md", "In Python", "alarm_raised"),
+        ("docs/evidence.md", "While a link is live", "1.1-euler_quaternion-0-1 "),
+    ],
+)
+def test_a_pages_python_runs(
+    page: str,
+    heading: str,
+    said: str,
+    link: Iterator[tuple[bytes, int]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Whoever pastes the lines, with a recording and a link of their own, sees them work."""
+    monkeypatch.chdir(tmp_path)
+    Path("flight.tlog").write_bytes(FAULTY)
+    names: dict[str, object] = {"link": link}
+    blocks = python_blocks(page, heading)
+    assert blocks
+    for block in blocks:
+        exec(block, names)
+    assert said in capsys.readouterr().out
+    assert next(link, None) is None
