@@ -172,9 +172,9 @@ def test_nothing_read_is_nothing_told() -> None:
 def test_two_clocks_under_one_id_do_not_take_for_ever(jump_ms: int) -> None:
     """Two autopilots with one id on merged links: every message is odd, and 40,000 are still read within seconds."""
     ms = [t + jump_ms * (i % 2) * 10 for i, t in enumerate(range(40_000))]
-    started = time.perf_counter()
+    started = time.process_time()
     Statement(ms)
-    assert time.perf_counter() - started < 4
+    assert time.process_time() - started < 4
 
 
 # Milliseconds as links bring them: going on, late, lone, rebooted, wrapped, silent.

