@@ -141,6 +141,7 @@ def test_killed(tmp_path: Path) -> None:
     assert (alarm["id"], alarm["raised_boot_s"]) == (told["id"], told["boot_s"])
 
 
+@pytest.mark.slow
 def test_events_on_standard_output(tmp_path: Path) -> None:
     """With `--events -` standard output is JSON lines and nothing else; the summary goes to standard error."""
     port = free_port()

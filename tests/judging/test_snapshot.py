@@ -120,6 +120,7 @@ def test_two_links_are_told_apart() -> None:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [HEALTHY, FAULTY])
 def test_looking_changes_nothing(frames: list[tuple[int, bytes]]) -> None:
     """After each batch, and before the report: that is what it is without; its verdicts are the last ones seen."""

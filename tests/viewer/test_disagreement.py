@@ -46,6 +46,7 @@ def apart_deg(xyzw: Array, other: Rotation) -> Array:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fault", ["yaw_offset:25", "mount_offset:0,20,5", "quaternion_xyzw", "roll_sign", "time_skew:150"]
 )
