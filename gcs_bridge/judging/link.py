@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -32,15 +33,26 @@ _FRAME_BYTES = np.dtype((np.void, FRAME.itemsize))
 FrameObserver = Callable[[int | str, Sequence[RawFrame]], None]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Judged:
+    """What is judged of every link, by what, and who looks on; `window_s`: between these times after the start."""
+
+    settings: Settings
+    dialect: Dialect
+    sysid: int | None
+    window_s: tuple[float | None, float | None]
+    observer: Observer | None
+
+
 class LinkVehicle:
     """One (system, component) of a link, which may turn out to be a vehicle."""
 
-    def __init__(self, vehicle: VehicleId, dialect: Dialect, settings: Settings, observer: Observer | None) -> None:
-        """Start with nothing heard; `observer` is shown what is judged, once it is known to be a vehicle's."""
+    def __init__(self, vehicle: VehicleId, judged: Judged) -> None:
+        """Start with nothing heard; the observer is shown what is judged, once it is known to be a vehicle's."""
+        self._observer = judged.observer
         self._observed: list[Observation] = []  # and not shown yet
-        self.reader = VehicleReader(vehicle, dialect, settings.vehicle)
-        self.judge = VehicleJudge(vehicle, settings, None if observer is None else self._observed.append)
-        self._observer = observer
+        self.reader = VehicleReader(vehicle, judged.dialect, judged.settings.vehicle)
+        self.judge = VehicleJudge(vehicle, judged.settings, self._observed.append if judged.observer else None)
         self._presence = Presence()
         self._seen = False
         self._held: list[Notice] = []  # until it is known to be one
@@ -92,28 +104,15 @@ class LinkVehicle:
 class Link:
     """One link or recording: its frames, the vehicles on it, its clock."""
 
-    def __init__(
-        self,
-        scanner: Scanner,
-        datagrams: bool,
-        dialect: Dialect,
-        settings: Settings,
-        sysid: int | None,
-        window_s: tuple[float | None, float | None],
-        observer: Observer | None,
-        number: int | None,
-    ) -> None:
+    def __init__(self, judged: Judged, framing: Framing, *, number: int | None) -> None:
+        """Start before its first byte; `number` is None on the first link, and on a recording."""
         self.frames = 0
         self.in_window = 0
         self.on_frames: Callable[[Sequence[RawFrame]], None] | None = None
-        self._scanner = scanner
-        self._datagrams = datagrams
-        self._dialect = dialect
-        self._settings = settings
-        self._sysid = sysid
-        self._window_s = window_s
-        self._observer = observer
-        self._number = number  # None: of the first link, or a recording
+        self._judged = judged
+        self._scanner = Scanner(judged.dialect, timed=framing is Framing.RECORDS)
+        self._datagrams = framing is Framing.DATAGRAM
+        self._number = number
         self.is_open = True
         self._start_us: int | None = None
         self._latest_rx_us = -1
@@ -214,8 +213,8 @@ class Link:
         self.in_window += int(in_window.sum())
         component = frames["sysid"].astype(np.int64) * 256 + frames["compid"]
         wanted = frames["duplicate"] == 0
-        if self._sysid is not None:
-            wanted &= frames["sysid"] == self._sysid
+        if self._judged.sysid is not None:
+            wanted &= frames["sysid"] == self._judged.sysid
         clock = LinkClock(frame_indices, latest_rx_us)
         present = np.flatnonzero(np.bincount(component[wanted])).tolist()
         for key in present:
@@ -229,14 +228,14 @@ class Link:
 
     def _new_vehicle(self, key: int) -> LinkVehicle:
         vehicle_id = VehicleId(self._number, *divmod(key, 256))
-        vehicle = LinkVehicle(vehicle_id, self._dialect, self._settings, self._observer)
+        vehicle = LinkVehicle(vehicle_id, self._judged)
         self._vehicles[key] = vehicle
         return vehicle
 
     def _in_window(self, t_rx_us: Int64s) -> npt.NDArray[np.bool_]:
         start_us = self._start_us or 0
         inside = np.ones(len(t_rx_us), np.bool_)
-        from_s, to_s = self._window_s
+        from_s, to_s = self._judged.window_s
         if from_s is not None:
             inside &= t_rx_us >= start_us + from_s * 1e6
         if to_s is not None:

@@ -12,11 +12,10 @@ from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event, Notice
-from gcs_bridge.judging.link import Datagram, FrameObserver, Link, events_of
+from gcs_bridge.judging.link import Datagram, FrameObserver, Judged, Link, events_of
 from gcs_bridge.judging.observation import Observer
 from gcs_bridge.judging.snapshot import Snapshot
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
-from gcs_bridge.mavlink.scanner import Scanner
 from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings, load_settings
 from gcs_bridge.telemetry.samples import STREAMS
@@ -49,11 +48,13 @@ class Monitor:
         came, before they are judged: whoever sent them, unknown ids included.
         Raises UsageError for an unknown profile or dialect.
         """
-        self._settings = settings or load_settings(profile)
-        self._dialect = open_dialect(dialect)
-        self._sysid = sysid
-        self._window_s = (from_s, to_s)
-        self._observer = observer
+        self._judged = Judged(
+            settings=settings or load_settings(profile),
+            dialect=open_dialect(dialect),
+            sysid=sysid,
+            window_s=(from_s, to_s),
+            observer=observer,
+        )
         self._on_frames = on_frames
         self._links: dict[int | str, Link] = {}
 
@@ -155,12 +156,7 @@ class Monitor:
         return max((link.span_us for link in self._links.values()), default=0) / 1e6
 
     def _new_link(self, name: int | str, framing: Framing) -> Link:
-        scanner = Scanner(self._dialect, timed=framing is Framing.RECORDS)
-        datagrams = framing is Framing.DATAGRAM
-        number = name if self._links and isinstance(name, int) else None
-        link = Link(
-            scanner, datagrams, self._dialect, self._settings, self._sysid, self._window_s, self._observer, number
-        )
+        link = Link(self._judged, framing, number=name if self._links and isinstance(name, int) else None)
         if self._on_frames is not None:
             link.on_frames = partial(self._on_frames, name)
         self._links[name] = link

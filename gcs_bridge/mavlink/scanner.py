@@ -34,7 +34,7 @@ from gcs_bridge.mavlink.scan import (
 )
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Salvage:
     """What a link or file yielded, and what it lost; `gaps` keeps the first hundred (offset, bytes)."""
 

@@ -28,7 +28,7 @@ from gcs_bridge.telemetry.samples import (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class VehicleSamples:
     """What a recording holds of one vehicle; a message that never came is an empty array."""
 
@@ -99,10 +99,11 @@ class _Gathered:
             self._imu.setdefault(name, []).append(inertial)
 
     def samples(self) -> VehicleSamples:
+        imu = {name.lower(): ImuSamples.joined(self._imu.get(name) or [no_imu(name)]) for name in IMU_MESSAGES}
         return VehicleSamples(
-            self.reader.autopilot,
-            self.reader.type,
-            AttitudeSamples.joined(self._attitude),
-            AttitudeSamples.joined(self._quaternion),
-            *(ImuSamples.joined(self._imu.get(name) or [no_imu(name)]) for name in IMU_MESSAGES),
+            autopilot=self.reader.autopilot,
+            type=self.reader.type,
+            attitude=AttitudeSamples.joined(self._attitude),
+            attitude_quaternion=AttitudeSamples.joined(self._quaternion),
+            **imu,
         )

@@ -16,7 +16,7 @@ US_PER_S = 1e6
 _SILENCE_US = 2_000_000  # a longer interval is a silence, and no part of the rate
 
 
-@dataclass
+@dataclass(kw_only=True)
 class StreamCount:
     """What came of one message; times in µs on whatever clock the message is followed by."""
 
