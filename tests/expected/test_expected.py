@@ -31,23 +31,23 @@ TYPES = {1: "fixed_wing", 2: "quadrotor", 19: "vtol_duorotor"}
 BAD_DEG = 0.5  # from here on a pair of one instant would vote for an alarm
 
 
-class CheckBatch(NamedTuple):
+class Flight(NamedTuple):
     """Both streams, and what was told among them."""
 
     euler: AttitudeSamples
     quaternion: AttitudeSamples
     news: News
 
-    def untold(self) -> CheckBatch:
+    def untold(self) -> Flight:
         return self._replace(news=[say for say in self.news if isinstance(say, ModeSet)])
 
-    def every(self, nth: int) -> CheckBatch:
+    def every(self, nth: int) -> Flight:
         """One of `nth` instants alone."""
         kept = np.union1d(self.euler.t_boot_us, self.quaternion.t_boot_us)[::nth]
         e, q = np.isin(self.euler.t_boot_us, kept), np.isin(self.quaternion.t_boot_us, kept)
-        return CheckBatch(self.euler[e], self.quaternion[q], self.news)
+        return Flight(self.euler[e], self.quaternion[q], self.news)
 
-    def with_fault(self, name: str, *value: float, from_s: float = 0.0) -> CheckBatch:
+    def with_fault(self, name: str, *value: float, from_s: float = 0.0) -> Flight:
         """The same with a mistake in it, from a boot time on."""
         cause = CAUSES[name]
         assert cause.falsify is not None
@@ -110,7 +110,7 @@ def samples(
 
 
 @cache
-def recorded(name: str, sysid: int = 1) -> CheckBatch:
+def recorded(name: str, sysid: int = 1) -> Flight:
     """A bundled recording, as pymavlink reads it."""
     link = mavutil.mavlink_connection(str(FIXTURES / f"{name}.tlog"), dialect="all")
     euler: list[list[float]] = []
@@ -134,7 +134,7 @@ def recorded(name: str, sysid: int = 1) -> CheckBatch:
     link.close()
     e, q = np.array(euler), np.array(quaternion)
     rpy = np.ascontiguousarray(e[:, 2:5])
-    return CheckBatch(
+    return Flight(
         samples(e[:, 0].astype(np.int64), (e[:, 1] * 1000).astype(np.int64), wxyz(from_rpy(rpy)), e[:, 5:8], rpy),
         samples(q[:, 0].astype(np.int64), (q[:, 1] * 1000).astype(np.int64), q[:, 2:6].copy(), q[:, 6:9]),
         news,
@@ -143,7 +143,7 @@ def recorded(name: str, sysid: int = 1) -> CheckBatch:
 
 def flown(
     attitude: Rotation, sent: Rotation | Floats | None = None, news: News | None = None, *, hz: float = 25.0
-) -> CheckBatch:
+) -> Flight:
     """A flight through `attitude`, ATTITUDE just before ATTITUDE_QUATERNION; `sent` is what ATTITUDE shows, or says."""
     n = len(attitude)
     t_us = (np.arange(n) * 1e6 / hz).astype(np.int64) // 1000 * 1000 + 10_000_000
@@ -152,7 +152,7 @@ def flown(
         w[:-1] = (attitude[:-1].inv() * attitude[1:]).as_rotvec() * hz
     rpy = sent if isinstance(sent, np.ndarray) else (attitude if sent is None else sent).as_euler("ZYX")[:, ::-1]
     rpy = np.asarray(rpy, np.float32).astype(np.float64)
-    return CheckBatch(
+    return Flight(
         samples(10 + 2 * np.arange(n), t_us, wxyz(from_rpy(rpy)), w, rpy),
         samples(11 + 2 * np.arange(n), t_us, wxyz(attitude).astype(np.float32).astype(np.float64), w),
         [] if news is None else news,
@@ -169,7 +169,7 @@ def mode(custom_mode: int, frame_index: int = 1, type_: str = "fixed_wing", auto
     return ModeSet(frame_index, autopilot, type_, custom_mode, armed=True)
 
 
-def follow(flight: CheckBatch, cuts: list[int] | None = None, expected: Expected | None = None) -> Seen:
+def follow(flight: Flight, cuts: list[int] | None = None, expected: Expected | None = None) -> Seen:
     """Correct a flight, cut behind the frames `cuts`, and measure with SciPy what is left."""
     expected = Expected() if expected is None else expected
     q_nb, causes, untold = [], [], []
@@ -371,7 +371,7 @@ def test_a_turn_about_another_axis_never_fits(axis: list[float]) -> None:
     assert follow(flight).bad_share() == 1.0
 
 
-def trimmed(rpy: Floats, *trim_deg: float) -> CheckBatch:
+def trimmed(rpy: Floats, *trim_deg: float) -> Flight:
     """A copter's flight with AHRS_TRIM_X and AHRS_TRIM_Y, untold."""
     x, y = np.radians(trim_deg)
     attitude = from_rpy(rpy) * Rotation.from_rotvec([-x, -y, 0.0])
@@ -600,7 +600,7 @@ def test_denials_do_not_add_up_over_a_reboot() -> None:
     expected = Expected()
     follow(flight.with_fault("yaw_offset", 5.0, from_s=11.9), expected=expected)
     expected.start_boot()
-    later = CheckBatch(
+    later = Flight(
         dataclasses.replace(flight.euler, frame_index=flight.euler.frame_index + 1000),
         dataclasses.replace(flight.quaternion, frame_index=flight.quaternion.frame_index + 1000),
         news=[],

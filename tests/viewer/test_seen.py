@@ -170,22 +170,31 @@ def test_a_late_viewer_sees_what_never_changes_though_the_history_is_full(port: 
             )
 
 
-class CheckBatch:
-    """500 messages a second, drawn as fast as they can be; remembers the slowest batch."""
+class Flight:
+    """500 messages a second, drawn as fast as they can be; remembers the slowest batch and the slowest second."""
 
     def __init__(self, viewer: Any, seconds: float) -> None:
         flight = wire.flight(wire.Motion(seconds), seconds, euler_hz=250.0, quaternion_hz=250.0)
         self._batches = iter([flight[i : i + 50] for i in range(0, len(flight), 50)])  # 0.1 s, as of a live link
         self._sink = viewer.recording("flight")
         self._monitor = Monitor(observer=self._sink.observe)
-        self.slowest_s = 0.0
+        self.slowest_s = self.slowest_second_s = 0.0
 
     def fly(self, seconds: int) -> None:
-        for batch in islice(self._batches, seconds * 10):
-            started = time.monotonic()
-            self._sink.events(self._monitor.feed(b"".join(frame for _, frame in batch), batch[-1][0]))
-            self.slowest_s = max(self.slowest_s, time.monotonic() - started)
-            time.sleep(0.002)
+        for _ in range(seconds):
+            took_s = []
+            for batch in islice(self._batches, 10):
+                started = time.monotonic()
+                self._sink.events(self._monitor.feed(b"".join(frame for _, frame in batch), batch[-1][0]))
+                took_s.append(time.monotonic() - started)
+                time.sleep(0.002)
+            self.slowest_s = max(self.slowest_s, *took_s)
+            self.slowest_second_s = max(self.slowest_second_s, sum(took_s))
+
+    def assert_that_nobody_waited(self) -> None:
+        """A viewer that is waited for costs seconds; beside other tests any batch may wait for a processor."""
+        assert self.slowest_s < 0.5
+        assert self.slowest_second_s < 0.8
 
 
 @pytest.mark.slow
@@ -193,7 +202,7 @@ class CheckBatch:
 def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: int) -> None:
     """Once the server's history is full, a minute of flight adds nothing: nobody looking, and after who looked died."""
     with serving("1MiB") as viewer:
-        flight = CheckBatch(viewer, 160.0)
+        flight = Flight(viewer, 160.0)
         flight.fly(20)
         full = resident_bytes()
         flight.fly(60)
@@ -204,7 +213,7 @@ def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: in
             watched = resident_bytes()
         flight.fly(60)
         assert resident_bytes() < 1.03 * watched
-        assert flight.slowest_s < 0.5
+        flight.assert_that_nobody_waited()
         assert eventually(lambda: socket.create_connection(("127.0.0.1", viewer._port), 1)).close() is None
 
 
@@ -213,7 +222,7 @@ def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: in
 def test_a_viewer_that_reads_no_more_neither_stops_nor_slows_nor_grows_us(port: int) -> None:
     """The worst kind: it is stopped for ten seconds of flight, and then killed."""
     with serving("1MiB") as viewer:
-        flight = CheckBatch(viewer, 40.0)
+        flight = Flight(viewer, 40.0)
         flight.fly(10)
         full = resident_bytes()
         with headless(viewer.url, port) as watching:
@@ -222,7 +231,7 @@ def test_a_viewer_that_reads_no_more_neither_stops_nor_slows_nor_grows_us(port: 
             os.killpg(watching.process.pid, signal.SIGSTOP)
             flight.fly(10)
         flight.fly(10)
-        assert flight.slowest_s < 0.5
+        flight.assert_that_nobody_waited()
         assert resident_bytes() < 1.03 * full
 
 
