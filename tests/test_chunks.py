@@ -74,6 +74,7 @@ def test_a_stream_that_waited_is_one_chunk(monkeypatch: pytest.MonkeyPatch) -> N
     assert all(chunk.framing is Framing.STREAM for chunks in found for chunk in chunks)
 
 
+@pytest.mark.slow
 def test_a_monitor_takes_chunks_of_every_kind() -> None:
     """`feed`, `feed_datagrams` and `feed_recording` are `take` with one framing each: the same events and reports."""
     tlog, stream = tlog_of(FRAMES), b"".join(frame.data for frame in FRAMES)

@@ -31,6 +31,7 @@ def link() -> Iterator[tuple[bytes, int]]:
     return iter([(b"".join(data for data, _ in piece), piece[-1][1]) for piece in pieces])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("page", "heading", "said"),
     [

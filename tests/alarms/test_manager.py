@@ -135,6 +135,7 @@ def test_a_repeat_within_thirty_seconds_is_the_same_alarm() -> None:
     assert alarm["cleared_boot_s"] == pytest.approx(31.2)
 
 
+@pytest.mark.slow
 def test_again_after_thirty_seconds_is_another_alarm() -> None:
     """Raised at 6.2 s and again at 36.3 s: two alarms with names of their own."""
     found = alarms(watched(flown((5, 9), (35.1, 39), seconds=45))[1])
@@ -143,6 +144,7 @@ def test_again_after_thirty_seconds_is_another_alarm() -> None:
     assert [alarm["raised_boot_s"] for alarm in found] == pytest.approx([6.2, 36.3])
 
 
+@pytest.mark.slow
 def test_three_a_minute_are_a_chatter() -> None:
     """Raised at 6.2, 25.2 and 44.2 s: one alarm, told as chatter from the third on; back to itself a minute later."""
     events, vehicle = watched(flown((5, 8), (24, 27), (43, 46), (110, 113), seconds=120, hz=5.0))
@@ -204,12 +206,14 @@ def test_a_repeat_must_be_acknowledged_again() -> None:
     assert event["acknowledged"]
 
 
+@pytest.mark.slow
 def test_a_return_of_an_unseen_alarm() -> None:
     """Gone unseen, latched, and back for longer than the delay: raised again; back for less: not."""
     watch = Watch(flown((5, 9), (15, 15.8), (20, 24), seconds=30))
     assert moments(watch.rest())[3:] == [("pending", 15.2), ("pending", 20.2), ("raised", 21.2), ("cleared", 26.2)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("at_s", "said"), [(5.5, "not raised yet"), (3.0, "unknown alarm")])
 def test_what_cannot_be_acknowledged(at_s: float, said: str) -> None:
     """An alarm that is only pending, and one that does not exist, is refused in one sentence that names it."""
@@ -229,6 +233,7 @@ def test_what_is_pending_behind_a_latched_alarm_cannot_be_acknowledged() -> None
         watch.acknowledge(40.5, pending["id"])
 
 
+@pytest.mark.slow
 def test_an_alarm_of_another_vehicle_is_not_touched() -> None:
     """Two vehicles with the same fault: acknowledging one's alarm leaves the other's."""
     one = flown((5, 9), seconds=12)
@@ -264,6 +269,7 @@ def test_shelving_one_alarm_leaves_the_others() -> None:
     assert {event["check"] for event in watch.rest()} == {"quaternion_norm"}
 
 
+@pytest.mark.slow
 def test_unshelved_before_its_time() -> None:
     """Taken from the shelf while it stands, it is told anew; later it clears as ever."""
     watch = Watch(flown((5, 19), seconds=25))
@@ -323,6 +329,7 @@ def test_shelving_ends_while_nothing_comes() -> None:
     assert event["utc"] == "2023-11-14T22:13:29.000Z"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_shelving_without_end(seconds: float) -> None:
     """Nothing is shelved for no time, or for ever."""
@@ -347,6 +354,7 @@ def test_a_source_lost_while_pending() -> None:
     assert check(vehicle, "euler_quaternion")["verdict"] == "agree"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("healthy", [True, False])
 def test_a_source_lost_while_raised(healthy: bool) -> None:
     """Raised at 6.2 s, the quaternion gone from 8 to 14 s: the alarm stands, and clears only if it is healthy then."""
@@ -380,6 +388,7 @@ def test_a_comparator_that_cannot_run() -> None:
 WHAT = ("pending", "raised", "cleared")
 
 
+@pytest.mark.slow
 def test_a_reboot_ends_an_alarm() -> None:
     """Raised in the first boot, which ends: cleared by the reboot, its end unknown; the second is its own."""
     first = flown((5, 99), seconds=10, boot_s=600.0)

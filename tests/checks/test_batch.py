@@ -113,6 +113,7 @@ def also(make: Callable[[int, State], Any], begin_s: float, end_s: float, rate: 
     return [(float(t_s), make(round(1000 * (BOOT_S + t_s)), state)) for t_s in times]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cuts", [[], list(range(0, 40_000, 97))], ids=["whole", "in pieces"])
 def test_the_best_sensor_that_was_heard(cuts: list[int]) -> None:
     """SCALED_IMU is taken until HIGHRES_IMU comes at 2 s, which then stays, even if it is gone at 4 s."""
@@ -179,6 +180,7 @@ def columns(cuts: Sequence[int]) -> list[bytes]:
     return [np.concatenate(part).tobytes() for part in parts]
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(cuts=st.lists(st.integers(0, SIZE), max_size=60))
 def test_any_cutting_hands_on_the_same(cuts: list[int]) -> None:

@@ -20,6 +20,7 @@ from tests.helpers.craft import (
     turned_in_body,
     turned_in_world,
 )
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES
 
 SQUARE = FIXTURES / "a_copter_square.tlog"
@@ -44,7 +45,7 @@ def test_a_lag_that_shows_in_each_swing_alone() -> None:
     assert alarm["diagnosis"]["value"] == pytest.approx(-40, abs=2)
 
 
-@pytest.mark.parametrize("fault", ["yaw_offset:0.4", "mount_offset:0,0.4,0", "world_offset:0.3,0.3,0"])
+@pytest.mark.parametrize("fault", one_in(3, ["yaw_offset:0.4", "mount_offset:0,0.4,0", "world_offset:0.3,0.3,0"]))
 def test_what_is_behind_a_warning_is_named(fault: str) -> None:
     """A small turn from second 60 on: what the mean rests on begins before it, and it is named all the same."""
     monitor = Monitor()
@@ -56,6 +57,7 @@ def test_what_is_behind_a_warning_is_named(fault: str) -> None:
     assert np.ravel(warning["diagnosis"]["value"]) == pytest.approx(made.value, abs=0.001)
 
 
+@pytest.mark.slow
 def test_one_degree_in_hover() -> None:
     """1° of yaw between the two forms of a real hover at 25 Hz, from second 60 on: an alarm within 1.5 s."""
     data = inject(SQUARE.read_bytes(), [parse_fault("yaw_offset:1")], from_s=60)
@@ -123,7 +125,7 @@ def test_roll_at_sixty_degrees_of_pitch_names_the_body_axis() -> None:
     assert alarm["heading"] == pytest.approx(-5.2, abs=0.01)  # 6° times −sin 60°
 
 
-@pytest.mark.parametrize("pitch", [0, 60, 89])
+@pytest.mark.parametrize("pitch", one_in(3, [0, 60, 89]))
 def test_yaw_is_never_roll(pitch: float) -> None:
     """6° about the world's down is heading and no tilt at any pitch, though at 89° it lies along body x."""
     (alarm,) = flown(turned_in_world(0, 0, 6), turn=still(rpy(pitch=pitch)))

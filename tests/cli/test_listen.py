@@ -109,6 +109,7 @@ def test_signals_end_within_a_second(number: signal.Signals, tmp_path: Path) -> 
     assert tlog_of(frames_of(tlog.read_bytes())) == tlog.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_signal_while_nothing_comes() -> None:
     """A quiet link ends as soon, and says that nothing was received."""
     with listening(free_port()) as process:
@@ -173,6 +174,7 @@ def test_quiet(tmp_path: Path) -> None:
     assert summary == f"ALARM       udpin:127.0.0.1:{port}: 1 vehicle, 1 alarm\n"
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_ends_it(tmp_path: Path) -> None:
     """`listen | head -1`: whoever reads has gone, the files are closed, the exit code is that of a broken pipe."""
     port, tlog = free_port(), tmp_path / "live.tlog"

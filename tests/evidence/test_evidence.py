@@ -157,6 +157,7 @@ def test_the_summary_says_what_and_what_to_do(plane: tuple[Path, Path]) -> None:
     assert {path.suffix for path in folder.iterdir()} == {".md", ".parquet", ".rrd"}
 
 
+@pytest.mark.slow
 def test_a_damaged_recording_and_two_more(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Offsets hold across damage; a good recording leaves nothing; one that cannot be used ends with 3, as without."""
     dirty = faulty("h_lossy_dirty", "yaw_offset:25", 15.0, tmp_path / "dirty.tlog")
@@ -214,6 +215,7 @@ def alarming(tmp_path: Path) -> Path:
     return tmp_path / "a.tlog"
 
 
+@pytest.mark.slow
 def test_earlier_evidence_is_replaced_whole(alarming: Path, tmp_path: Path) -> None:
     """What an earlier run left of an alarm that is not raised any more goes, and so does all beside it."""
     target = tmp_path / "e"
@@ -268,6 +270,7 @@ def test_a_disk_that_fills_up(alarming: Path, tmp_path: Path, monkeypatch: pytes
     assert not list((tmp_path / "e").iterdir())
 
 
+@pytest.mark.slow
 def test_names_that_are_none_or_the_same(alarming: Path, tmp_path: Path) -> None:
     """A name that is no UTF-8 becomes one that is; of two recordings of one name the second is numbered."""
     for folder in ("one", "two"):

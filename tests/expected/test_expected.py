@@ -277,7 +277,7 @@ def test_what_was_told_is_undone(name: str, sysid: int, causes: list[str], value
 
 
 @pytest.mark.parametrize("nth", [1, 3, 6])
-@pytest.mark.parametrize(("name", "sysid", "causes", "values"), TOLD + UNTOLD)
+@pytest.mark.parametrize(("name", "sysid", "causes", "values"), one_in(4, TOLD + UNTOLD))
 def test_what_was_not_told_is_fitted(name: str, sysid: int, causes: list[str], values: list[Any], nth: int) -> None:
     """Without parameters, at 25 to 4 Hz, the numbers are found before anything could be alarming, and are right."""
     seen = follow(recorded(name, sysid).untold().every(nth))
@@ -286,6 +286,7 @@ def test_what_was_not_told_is_fitted(name: str, sysid: int, causes: list[str], v
     assert seen.explanations == [explained(*one, estimated=True) for one in zip(causes, values, strict=True)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "forward_ms"),
     [
@@ -313,6 +314,7 @@ def test_a_trim_is_followed_as_it_changes() -> None:
     assert seen.t_ms[seen.pair_causes == PITCH_TRIM][0] == 38664
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "sysid"), [("k13b_px4_tailsitter_fw", 1), ("a_copter_square", 1), ("k5_three_vehicles", 3)]
 )
@@ -342,7 +344,7 @@ def test_nothing_is_undone_where_nothing_was_done(name: str, sysid: int) -> None
         ("euler_degrees", ()),
     ],
 )
-@pytest.mark.parametrize(("name", "sysid"), one_in(4, [(name, sysid) for name, sysid, *_ in [*TOLD, *UNTOLD]]))
+@pytest.mark.parametrize(("name", "sysid"), one_in(8, [(name, sysid) for name, sysid, *_ in [*TOLD, *UNTOLD]]))
 def test_a_fault_is_not_explained(
     name: str, sysid: int, fault: str, value: tuple[float, ...], share: float, told: bool
 ) -> None:

@@ -122,6 +122,7 @@ def test_a_moment_holds_every_attitude_of_the_ten_seconds_on_both_sides() -> Non
     assert np.array_equal(rpy_rad, [[m.roll, m.pitch, m.yaw] for m in inside])
 
 
+@pytest.mark.slow
 def test_pairs_and_steps_carry_their_frames() -> None:
     """A pair is known with the message that completed it, and a step with its later sample, and both are there."""
     data = turned("b2_mixed_rates", from_s=14.0)
@@ -155,6 +156,7 @@ def test_a_moment_ends_with_its_boot() -> None:
     assert len(before) <= moment.end <= len(before) + 2  # a second message shows that it is another boot
 
 
+@pytest.mark.slow
 def test_a_moment_ends_with_a_silence() -> None:
     """Live, after ten seconds without the vehicle; in its recording, with the first frame behind such a silence."""
     before = flown(20, fault_s=(15.0, 99.0))
@@ -172,6 +174,7 @@ def test_a_moment_ends_with_a_silence() -> None:
     assert same(recorded["tables"], content(live)["tables"])
 
 
+@pytest.mark.slow
 def test_what_was_said_long_before_is_in_force() -> None:
     """A parameter told a minute before, in a piece of its own as live: its last value, once; and a text just before."""
     flight = flown(80, fault_s=(70.0, 99.0))
@@ -198,6 +201,7 @@ def test_what_was_said_long_before_is_in_force() -> None:
     assert texts == ["an old text", "a new text"]
 
 
+@pytest.mark.slow
 def test_an_alarm_that_comes_again_has_one_moment() -> None:
     """Off from 10 to 14 s and from 20 to 24 s: a repeat within 30 s, of the one alarm; one moment, of the first."""
     first = flown(18, fault_s=(10.0, 14.0))
@@ -230,6 +234,7 @@ def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 2 * 200 <= len(kept_of(still)) <= 2 * 200 + 40
 
 
+@pytest.mark.slow
 def test_too_many_moments_at_once_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """With room for one, the second of two alarms within ten seconds is missed, and counted."""
     monkeypatch.setattr(moments, "_MOST_OPEN", 1)

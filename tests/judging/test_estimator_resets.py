@@ -109,6 +109,7 @@ def events_of(cuts: list[int]) -> list[Json]:
     return [event for piece in pieces for event in monitor.feed_recording(piece)]
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(cuts=st.lists(st.integers(0, 10**6), max_size=40))
 def test_any_cutting_finds_the_same_resets(cuts: list[int]) -> None:

@@ -61,7 +61,7 @@ def live(frames: list[tuple[int, bytes]], *, datagrams: bool) -> tuple[list[Json
     return events, entry
 
 
-@pytest.mark.parametrize("name", one_in(6, ALL))
+@pytest.mark.parametrize("name", one_in(12, ALL))
 def test_cut_anywhere(name: str) -> None:
     """Whole, in pieces of 64 KiB, or of any sizes: events and report are the same to the last bit."""
     data = recording(name)

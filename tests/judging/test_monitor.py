@@ -407,6 +407,7 @@ def test_deadlines_while_nothing_comes() -> None:
     assert [len(told(back, name)) for name in ("stream_resumed", "compare_resumed")] == [2, 1]
 
 
+@pytest.mark.slow
 def test_deadline_of_a_slow_stream() -> None:
     """At 1 Hz a stream is silent after five of its own periods, not after 2 s."""
     monitor = Monitor()

@@ -72,6 +72,7 @@ def test_the_latest_attitudes_are_those_that_were_sent() -> None:
     assert vehicle["streams"]["ATTITUDE"]["rate_hz"] == pytest.approx(25.0)
 
 
+@pytest.mark.slow
 def test_a_residual_stands_beside_its_limit() -> None:
     """25° of yaw on the quaternion are 25° beyond a limit of half a degree and the bound, and raise the alarm."""
     vehicle = vehicle_of(fed(FAULTY))
@@ -109,6 +110,7 @@ def test_frames_that_went_missing_are_counted() -> None:
     assert (vehicle["received"], vehicle["lost"]) == (len(kept), len(HEALTHY) - len(kept))
 
 
+@pytest.mark.slow
 def test_two_links_are_told_apart() -> None:
     """The same vehicle on both; of the second link it carries the link's number."""
     monitor = fed(FAULTY, fed(HEALTHY), link=3)

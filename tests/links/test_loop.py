@@ -320,6 +320,7 @@ class Polled(DatagramLink):
         return None
 
 
+@pytest.mark.slow
 def test_a_link_without_a_descriptor() -> None:
     """It is asked from time to time: what comes is judged, and silence is noticed."""
     opened, uri = udp_link()
@@ -330,6 +331,7 @@ def test_a_link_without_a_descriptor() -> None:
     assert live.names().count("stream_started") == 2
 
 
+@pytest.mark.slow
 def test_age_of_what_is_shown() -> None:
     """From its arrival to the observer who draws it, a sample takes less than 100 ms (p95), alone with a margin.
 

@@ -236,6 +236,7 @@ def test_of_a_shelved_alarm_nothing_is_undone(tmp_path: Path) -> None:
     assert recording.rows(GHOST, TURN, "utc")[0].max() > shelved_us + 5_000_000
 
 
+@pytest.mark.slow
 def test_nothing_stays_while_nothing_is_compared(tmp_path: Path) -> None:
     """Where the quaternion stops for 20 s the ghost goes, with NO COMPARE, and is there again with the first pair."""
     stopping = inject((FIXTURES / "k8_stream_stops.tlog").read_bytes(), [parse_fault("yaw_offset:25")])
@@ -249,6 +250,7 @@ def test_nothing_stays_while_nothing_is_compared(tmp_path: Path) -> None:
     assert set(begins.tolist()) <= set(recording.rows(f"{GHOST}/axes", POINTS)[0].tolist())
 
 
+@pytest.mark.slow
 def test_a_new_boot_begins_with_nothing_shown(tmp_path: Path) -> None:
     """What the boot before left open is cleared with the new boot's first message."""
     turned = inject((FIXTURES / "f_reboot.tlog").read_bytes(), [parse_fault("yaw_offset:25")], to_s=80.0)

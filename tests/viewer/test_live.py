@@ -2,12 +2,15 @@
 
 from pathlib import Path
 
+import pytest
+
 from gcs_bridge.cli import main
 from gcs_bridge.links.player import Player
 from tests.helpers.live_links import fixture, free_port
 from tests.helpers.viewer_tools import Drawn
 
 
+@pytest.mark.slow
 def test_events_of_a_live_link_are_drawn_at_their_vehicle(tmp_path: Path) -> None:
     """The same vehicle on two links is drawn twice, each with its samples and its events, and there is no third."""
     frames = fixture("a_copter_square", from_s=75, to_s=77)

@@ -67,6 +67,7 @@ def test_it_opens_on_the_moment(moment: Path) -> None:
         assert not viewer.errors()
 
 
+@pytest.mark.slow
 def test_the_mistake_is_undone_in_it_as_in_the_whole_recording(tmp_path: Path) -> None:
     """Roll of the wrong sign in a plane whose pitch trim changes after the alarm: both are undone there as here."""
     data = inject((FIXTURES / "k16_plane_trim_changes.tlog").read_bytes(), [parse_fault("roll_sign")], from_s=20.0)

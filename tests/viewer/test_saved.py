@@ -145,6 +145,7 @@ def test_down_by_the_accelerometer_is_drawn_in_the_world(tmp_path: Path) -> None
     assert apart == pytest.approx(45, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_no_line_is_drawn_across_the_wrap_of_the_heading(tmp_path: Path) -> None:
     """From 3° over 0° to 357°: between the two lies a row that is no number, however the bytes were cut."""
     records = moving(3 - 0.5 * np.arange(100), lambda i: (0, 0, -9.80665))
@@ -159,6 +160,7 @@ def test_no_line_is_drawn_across_the_wrap_of_the_heading(tmp_path: Path) -> None
         assert np.delete(heading, gap) == pytest.approx((3 - 0.5 * np.arange(100)) % 360, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_each_boots_motion_is_drawn_to_its_end(tmp_path: Path) -> None:
     """Of the 597 RAW_IMU of a flight with a reboot, all are drawn but the last of each boot, behind all attitudes."""
     records = list(wire.records((FIXTURES / "f_reboot.tlog").read_bytes()))
