@@ -212,7 +212,7 @@ TWO = [
 ]
 
 
-@pytest.mark.parametrize("faults", one_in(5, TWO), ids="+".join)
+@pytest.mark.parametrize("faults", one_in(5, [(faults,) for faults in TWO]), ids="+".join)
 def test_two_causes(tmp_path: Path, faults: tuple[str, str]) -> None:
     """Two mistakes at once are named, in the order of undoing: for any motion the same as what was injected."""
     path = injected(tmp_path, "b_copter_acro", *faults, from_s=20.0)
