@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from types import FunctionType
 from typing import Any, TypeVar
+
+import numpy
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 _KERNELS: list[Any] = []  # of all modules that were imported so far
@@ -34,27 +38,58 @@ def _ensure_cache_folder() -> None:
 _ensure_cache_folder()
 
 import numba  # noqa: E402  numba reads NUMBA_CACHE_DIR when it is imported
+from numba.extending import register_jitable  # noqa: E402
 
 
-def _compiled(function: Kernel, **options: bool) -> Kernel:
+def _compiled(function: Kernel, **options: Any) -> Kernel:
     """Compile `function` without the GIL and, where this numba can, without counting references to arrays.
 
     Counting takes more time than all the rest. Without it a kernel can make no array of its own; ours never do.
+    Division by zero is as in numpy.
     """
     decorate: Any = numba.njit
+    options |= {"nogil": True, "error_model": "numpy"}
     try:
-        return decorate(nogil=True, _nrt=False, **options)(function)  # type: ignore[no-any-return]  # untyped in numba
+        return decorate(_nrt=False, **options)(function)  # type: ignore[no-any-return]  # untyped in numba
     except KeyError:  # an option of numba's own use: one day it may be gone
-        return decorate(nogil=True, **options)(function)  # type: ignore[no-any-return]
+        return decorate(**options)(function)  # type: ignore[no-any-return]
 
 
 def kernel(function: Kernel) -> Kernel:
     """Compile what Python calls; the machine code is kept for the next process."""
-    compiled = _compiled(function, cache=True)
+    compiled: Any = _compiled(function, cache=True)
     with contextlib.suppress(AttributeError):  # parts of numba's own: without them it loads as it is used to
         _load_without_compiler(compiled)
+    with contextlib.suppress(AttributeError):
+        compiled._cache._cache_file._source_stamp = fingerprint(function)
     _KERNELS.append(compiled)
-    return compiled
+    return compiled  # type: ignore[no-any-return]  # untyped in numba
+
+
+def fingerprint(function: Callable[..., Any]) -> str:
+    """What a kernel's machine code is made of: its own code, all functions that it calls, and the constants of both.
+
+    Numba looks at the kernel's own file alone, and would go on with what was compiled of another version of a helper.
+    """
+    digest, met = hashlib.sha256(), set[int]()
+    to_come: list[Any] = [function]
+    while to_come:
+        one = to_come.pop()
+        one = getattr(one, "py_func", one)
+        if id(one) in met:
+            continue
+        met.add(id(one))
+        code = one.__code__
+        digest.update(code.co_code + repr((code.co_consts, code.co_names)).encode())
+        for name in code.co_names:
+            value = one.__globals__.get(name)
+            if isinstance(value, FunctionType) or hasattr(value, "py_func"):
+                to_come.append(value)
+            elif isinstance(value, int | float | tuple):
+                digest.update(f"{name}={value!r}".encode())
+            elif isinstance(value, numpy.ndarray):
+                digest.update(value.tobytes())
+    return digest.hexdigest()
 
 
 def _load_without_compiler(compiled: Any) -> None:
@@ -75,6 +110,12 @@ def _load_without_compiler(compiled: Any) -> None:
 def helper(function: Callable[..., Any]) -> Any:
     """Compile what kernels call: it becomes part of theirs, and is typed there."""
     return _compiled(function)
+
+
+def share(*functions: Callable[..., Any]) -> None:
+    """Let kernels call plain functions, of numbers and tuples, that Python goes on calling with arrays."""
+    for function in functions:
+        register_jitable(function)
 
 
 def needs_compiling(package: str) -> bool:

@@ -15,11 +15,12 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from gcs_bridge.alarms.grouping import RaiseGrouping
-from gcs_bridge.alarms.rated import Rated, Worst
+from gcs_bridge.alarms.rated import Worst
 from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.alarms.slot import AlarmSlot
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import PENDING, STANDING, AnnouncementSignal, Change, Signal, State
+from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.contract import Diagnosis
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import (
@@ -63,15 +64,6 @@ class AlarmTransition:
 Ask = Callable[[AlarmTransition], Iterable[Notice]]
 
 
-class _SlotChange(NamedTuple):
-    """A change of one alarm, with the frame that brought it about; `rank` of the alarm among all: severe ones first."""
-
-    frame_index: int
-    rank: int
-    slot: AlarmSlot
-    change: Change
-
-
 class _At(NamedTuple):
     """A frame, and when it was received."""
 
@@ -87,8 +79,8 @@ class AlarmManager:
         self.alarms: list[AlarmRecord] = []
         self._vehicle = vehicle
         self._settings = settings
-        self._slots = sorted(map(AlarmSlot, specs), key=lambda slot: slot.spec.severity != "alarm")
-        self._by_spec = {slot.spec: slot for slot in self._slots}
+        self.ballot = Ballot(sorted(specs, key=lambda spec: spec.severity != "alarm"))
+        self._slots = [AlarmSlot(spec, self.ballot) for spec in self.ballot.specs]
         self._shelf: dict[AlarmSlot, int] = {}  # what is shelved → receive time at which that ends, µs
         self.start_boot(0)
 
@@ -96,6 +88,7 @@ class AlarmManager:
         """Begin a boot: its alarms are new."""
         self._boot = boot
         self._grouping = RaiseGrouping(self._settings)
+        self.ballot.start_boot()
         for slot in self._slots:
             slot.start_boot()
 
@@ -119,50 +112,30 @@ class AlarmManager:
         """The alarms that are pending or stand, severe ones first."""
         return [slot.record for slot in self._slots if slot.record is not None and not slot.is_suppressed]
 
-    def feed(
-        self,
-        ratings: Iterable[RatedSamples],
-        signals: Iterable[SignalAt],
-        link: LinkClock,
-        ask: Ask = lambda _: (),
-    ) -> Iterator[Notice]:
-        """Take what the checks found in one batch, and what became of their sources; yield what is to be told.
+    def begin(self, signals: Iterable[SignalAt], link: LinkClock) -> None:
+        """Take, before the samples of a batch are given to the ballot, what became of the sources of checks in it."""
+        for one in signals:
+            for place, spec in enumerate(self.ballot.specs):
+                if spec.check == one.check:
+                    self.ballot.signal(place, [(one.frame_index, one.signal)])
+        for slot, frame_index in self._ends_of_shelving(link).items():
+            self.ballot.signal(self._slots.index(slot), [(frame_index, None)])
 
-        `ask` is called right behind each raise and right before each end of an alarm, to find out why. LookupError for
-        samples of a spec that is none of the manager's: they would never raise anything.
+    def tell(self, link: LinkClock, ask: Ask = lambda _: ()) -> Iterator[Notice]:
+        """Yield what is to be told of all that the ballot was given in a batch of frames of the link.
+
+        `ask` is called right behind each raise and right before each end of an alarm, to find out why.
         """
-        changes = self._changes(ratings, signals, link)
+        changes = sorted(self.ballot.changes(), key=lambda one: (one.frame_index, one.alarm))
         for frame_index, together in groupby(changes, key=lambda one: one.frame_index):
             at = _At(frame_index, link.at(frame_index))
             for one in together:
                 latest = one.change
-                yield from self._tell(one.slot, latest, at, ask)
+                yield from self._tell(self._slots[one.alarm], latest, at, ask)
             yield from self._release(latest, at, ask)
         for slot in self._slots:
             if slot.record is not None and not slot.is_suppressed:
-                slot.record.show(slot.alarm.worst)
-
-    def _changes(
-        self, ratings: Iterable[RatedSamples], signals: Iterable[SignalAt], link: LinkClock
-    ) -> list[_SlotChange]:
-        """What a batch does to each alarm, in order of the frames."""
-        rated: dict[AlarmSlot, Rated] = {}
-        for spec, samples in ratings:
-            if spec not in self._by_spec:
-                raise LookupError(f"check {spec.check}: its alarm {spec.name!r} is not among its alarm_specs")
-            rated[self._by_spec[spec]] = samples
-        heard: dict[str, list[tuple[int, Signal | None]]] = {}
-        for one in signals:
-            heard.setdefault(one.check, []).append((one.frame_index, one.signal))
-        ends = self._ends_of_shelving(link)
-        found = []
-        for rank, slot in enumerate(self._slots):
-            marks = heard.get(slot.spec.check, [])
-            if slot in ends:
-                marks = [*marks, (ends[slot], None)]
-            changes = slot.advance(rated.get(slot), marks)
-            found += [_SlotChange(frame_index, rank, slot, change) for frame_index, change in changes]
-        return sorted(found, key=lambda one: (one.frame_index, one.rank))
+                slot.record.show(slot.worst)
 
     def _tell(self, slot: AlarmSlot, change: Change, at: _At, ask: Ask) -> Iterator[Notice]:
         """One alarm changed: what that is called, and what follows from it."""
@@ -230,7 +203,7 @@ class AlarmManager:
         """What stood beside an alarm that went with this frame says by itself now what is left."""
         for slot in self._slots:
             if slot.is_suppressed and not self._is_said_already(slot):
-                yield from self._raise(slot, latest._replace(worst=slot.alarm.worst), at, ask)
+                yield from self._raise(slot, latest._replace(worst=slot.worst), at, ask)
 
     def _is_said_already(self, slot: AlarmSlot) -> bool:
         """Whether this is a warning, and an alarm of the same check is pending or stands."""
@@ -280,7 +253,7 @@ class AlarmManager:
         if record.acknowledged or record.raised_boot_s is None:
             raise UsageError(f"alarm {alarm_id}: {'acknowledged already' if record.acknowledged else 'not raised yet'}")
         if slot is not None:
-            _, slot.state = slot.alarm.signal(Signal.ACKNOWLEDGE)
+            slot.acknowledge()
         record.acknowledged = True
         yield self._notice(AlarmAcknowledged, record, None, _At(frame_index, t_rx_us))
 
@@ -307,7 +280,7 @@ class AlarmManager:
     def pass_time(self, link: LinkClock) -> Iterator[Notice]:
         """Shelving that has run out ends, with the first frame behind its time."""
         for slot, frame_index in self._ends_of_shelving(link).items():
-            yield from self._end_shelving(slot, slot.alarm.worst, frame_index)
+            yield from self._end_shelving(slot, slot.worst, frame_index)
 
     def _ends_of_shelving(self, link: LinkClock) -> dict[AlarmSlot, int]:
         """Alarms whose shelving runs out with these frames, and the frame that is behind its time."""

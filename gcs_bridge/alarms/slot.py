@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-
-import numpy as np
-
-from gcs_bridge.alarms.rated import Rated
+from gcs_bridge.alarms.rated import Worst
 from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import (
@@ -15,32 +11,50 @@ from gcs_bridge.alarms.state import (
     SHELVED,
     STANDING,
     SUPPRESSED,
-    Alarm,
     Announcement,
     AnnouncementSignal,
-    Change,
     Signal,
     State,
 )
+from gcs_bridge.alarms.votes import Ballot
 
 
 class AlarmSlot:
     """One alarm over all boots of a vehicle; but for being shelved, it begins anew with each."""
 
-    def __init__(self, spec: AlarmSpec) -> None:
-        """Start normal, and told."""
+    def __init__(self, spec: AlarmSpec, ballot: Ballot) -> None:
+        """Start normal, and told; `ballot` is where its samples are counted."""
         self.spec = spec
         self.announcement = Announcement.TOLD
+        self._ballot, self._place = ballot, ballot.place_of(spec)
         self.start_boot()
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
         self.announce(AnnouncementSignal.RELEASE)
-        self.alarm = Alarm(self.spec.delays, self.spec.recurring_window_s)
-        self.state = State.NORMAL  # as of what has been told: within a batch, `alarm` is ahead of it
+        self.state = State.NORMAL  # as of what has been told: within a batch, the ballot is ahead of it
         self.record: AlarmRecord | None = None  # of the excursion that is pending or stands
         self.last: AlarmRecord | None = None  # the latest that was raised
         self.numbered = 0  # raises so far that were alarms of their own
+
+    @property
+    def ahead(self) -> State:
+        """Where it is by all samples that it was given, told or not."""
+        return self._ballot.state(self._place)
+
+    @property
+    def last_sample(self) -> tuple[int, float, float] | None:
+        """Time, µs, value and limit of the latest; None: none came within the boot."""
+        return self._ballot.last(self._place)
+
+    @property
+    def worst(self) -> Worst:
+        """The peak of its excursion, by all samples that it was given."""
+        return self._ballot.worst(self._place)
+
+    def acknowledge(self) -> None:
+        """Somebody has seen it."""
+        self.state = self._ballot.take_signal(self._place, Signal.ACKNOWLEDGE)
 
     @property
     def is_pending(self) -> bool:
@@ -70,28 +84,3 @@ class AlarmSlot:
     def announce(self, signal: AnnouncementSignal) -> None:
         """Take what may change how it is announced."""
         self.announcement = ANNOUNCEMENTS.get((self.announcement, signal), self.announcement)
-
-    def advance(
-        self, samples: Rated | None, signals: Iterable[tuple[int, Signal | None]]
-    ) -> Iterator[tuple[int, Change]]:
-        """Take samples and, between them, signals, each with its frame; yield what changes, with the frame of it.
-
-        None is no signal: a change to the same state says then where the alarm is with that frame.
-        """
-        for frame_index, signal in sorted(signals, key=lambda one: one[0]):
-            if samples is not None:
-                until = int(np.searchsorted(samples.frame_index, frame_index))
-                yield from self._feed(samples[:until])
-                samples = samples[until:]
-            before = after = self.alarm.state
-            if signal is not None:
-                before, after = self.alarm.signal(signal)
-            if before is not after or signal is None:
-                change = Change(place=-1, before=before, state=after, t_boot_us=0, worst=self.alarm.worst)
-                yield frame_index, change
-        if samples is not None:
-            yield from self._feed(samples)
-
-    def _feed(self, samples: Rated) -> Iterator[tuple[int, Change]]:
-        for change in self.alarm.feed(samples):
-            yield int(samples.frame_index[change.place]), change

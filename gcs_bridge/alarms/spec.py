@@ -1,11 +1,9 @@
-"""What an alarm is, before anything is measured, and what a check found for it."""
+"""What an alarm is, before anything is measured."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
-from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.contract import Severity
 from gcs_bridge.settings import AlarmSettings
 
@@ -32,10 +30,3 @@ class AlarmSpec:
     recurring_window_s: float = 0.0
     asks_doctor: bool = False
     onset_lead_s: float = 0.0
-
-
-class RatedSamples(NamedTuple):
-    """What a check found for one of its alarms."""
-
-    spec: AlarmSpec
-    rated: Rated

@@ -9,15 +9,10 @@ How an alarm is announced goes beside its state: what is shelved or suppressed l
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator
 from enum import Enum
 from typing import NamedTuple
 
-import numpy as np
-
-from gcs_bridge.alarms.rated import Rated, Worst
-from gcs_bridge.settings import AlarmSettings
+from gcs_bridge.alarms.rated import Worst
 
 
 class State(Enum):
@@ -123,130 +118,15 @@ PENDING = frozenset({State.PENDING, State.RETURNED_PENDING})
 STANDING = frozenset({State.RAISED, State.ACKNOWLEDGED, State.CLEARING, State.CLEARING_ACKNOWLEDGED})
 SUPPRESSED = frozenset({Announcement.SUPPRESSED, Announcement.SHELVED_SUPPRESSED})
 SHELVED = frozenset({Announcement.SHELVED, Announcement.SHELVED_SUPPRESSED})
-_CLEARING = frozenset({State.CLEARING, State.CLEARING_ACKNOWLEDGED})
-_QUIET = frozenset(State) - PENDING - STANDING
-_RECURRING_EXCURSIONS, _RECURRING_DELAYS = 3, 1.5  # so many, and so many on-delays long together, raise the alarm
+CLEARING = frozenset({State.CLEARING, State.CLEARING_ACKNOWLEDGED})
+QUIET = frozenset(State) - PENDING - STANDING
 
 
 class Change(NamedTuple):
-    """A change of state, at sample `place` of the batch.
+    """A change of state; `worst` is the excursion's peak so far, `onset_us` the time of its first bad sample."""
 
-    `worst` is the excursion's peak so far, `onset_us` the time of the first of the bad samples that made it pending.
-    """
-
-    place: int
     before: State
     state: State
     t_boot_us: int
     worst: Worst
     onset_us: int = -1
-
-
-class _Sample(NamedTuple):
-    t_us: int
-    bad: bool
-    low: bool
-    worst: Worst
-
-
-class _Short(NamedTuple):
-    """An excursion that was taken back: its first bad sample, and since when and until when it was pending."""
-
-    onset_us: int
-    since_us: int
-    until_us: int
-
-
-class Alarm:
-    """One alarm of one check of one vehicle within one boot."""
-
-    def __init__(self, settings: AlarmSettings, recurring_window_s: float = 0.0) -> None:
-        """Start with no sample. Within `recurring_window_s` excursions that are too short count together; 0: never."""
-        self.state = State.NORMAL
-        self._settings = settings
-        self._on_delay_us = round(settings.on_delay_s * 1e6)
-        self._off_delay_us = round(settings.off_delay_s * 1e6)
-        self._window_us = round(settings.window_s * 1e6)
-        self._recurring_window_us = round(recurring_window_s * 1e6)
-        self._recent: deque[_Sample] = deque(maxlen=settings.counted_samples)
-        self._now_us = 0  # the latest sample's time: one that comes late does not turn the delays back
-        self._since_us = 0
-        self._voted_us = 0  # when the vote was bad last
-        self._short: list[_Short] = []  # a few: and each deque, even an empty one, takes 0.8 kB
-        self.worst = Worst(-1.0, np.empty(0))  # of the present excursion
-        self._onset_us = -1
-
-    def feed(self, samples: Rated) -> Iterator[Change]:
-        """Take counted samples in order; yield each change of state."""
-        index, count = 0, len(samples.bad)
-        if not count:
-            return
-        bad_at = np.flatnonzero(samples.bad)
-        while index < count:
-            if self.state in _QUIET and not any(sample.bad for sample in self._recent):
-                # Nothing can happen before the next bad sample: only those right before it still have a vote.
-                following = np.searchsorted(bad_at, index)
-                skip_to = int(bad_at[following]) if following < len(bad_at) else count
-                index = max(index, skip_to - self._settings.counted_samples)
-                self._now_us = max(self._now_us, int(samples.t_boot_us[:skip_to].max(initial=0)))
-                while index < skip_to:
-                    self._recent.append(_sample(samples, index))
-                    index += 1
-                if index == count:
-                    return
-            yield from self._take(index, _sample(samples, index))
-            index += 1
-
-    def signal(self, signal: Signal) -> tuple[State, State]:
-        """Take a signal that is no sample; return the state before and after it."""
-        before = self.state
-        self.state = TRANSITIONS.get((before, signal), before)
-        return before, self.state
-
-    def _take(self, index: int, sample: _Sample) -> Iterator[Change]:
-        self._now_us = max(self._now_us, sample.t_us)
-        self._recent.append(sample)
-        voters = [voter for voter in self._recent if self._now_us - voter.t_us <= self._window_us]
-        vote = self._vote(voters)
-        if self.state in _QUIET and vote is Signal.BAD:
-            self.worst = max((voter.worst for voter in voters if voter.bad), key=lambda worst: worst.value)
-            self._onset_us = min(voter.t_us for voter in voters if voter.bad)
-        elif sample.bad and sample.worst.value > self.worst.value:
-            self.worst = sample.worst
-        yield from self._go(index, vote)
-        waited_us = self._now_us - self._since_us
-        if self.state in PENDING:
-            self._voted_us = self._now_us
-            if waited_us >= self._on_delay_us or self._recurs(waited_us):
-                yield from self._go(index, Signal.DELAYED)
-        elif self.state in _CLEARING and waited_us >= self._off_delay_us:
-            yield from self._go(index, Signal.DELAYED)
-
-    def _recurs(self, waited_us: int) -> bool:
-        """Whether the pending excursion is one of several that were too short: a lag comes and goes."""
-        while self._short and self._short[0].since_us < self._now_us - self._recurring_window_us:
-            del self._short[0]
-        lasted_us = waited_us + sum(one.until_us - one.since_us for one in self._short)
-        if len(self._short) < _RECURRING_EXCURSIONS - 1 or lasted_us < _RECURRING_DELAYS * self._on_delay_us:
-            return False
-        self._onset_us = self._short[0].onset_us
-        return True
-
-    def _go(self, index: int, signal: Signal) -> Iterator[Change]:
-        before, after = self.signal(signal)
-        if after is not before:
-            if before in PENDING and after in _QUIET:
-                self._short.append(_Short(self._onset_us, self._since_us, self._voted_us))
-            self._since_us = self._now_us
-            yield Change(index, before, after, self._now_us, self.worst, self._onset_us)
-
-    def _vote(self, voters: list[_Sample]) -> Signal:
-        needed = self._settings.bad_samples
-        if sum(voter.bad for voter in voters) >= needed:
-            return Signal.BAD
-        return Signal.LOW if sum(not voter.low for voter in voters) < needed else Signal.BETWEEN
-
-
-def _sample(samples: Rated, index: int) -> _Sample:
-    worst = Worst(float(samples.value[index]), samples.detail[index])
-    return _Sample(int(samples.t_boot_us[index]), bool(samples.bad[index]), bool(samples.low[index]), worst)

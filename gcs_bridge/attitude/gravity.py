@@ -6,7 +6,7 @@ World NED, body FRD. Specific force f_b is what an ideal accelerometer reads, m/
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.attitude._rows import Array, Mask, Vector, join, numbers, ray, rowwise, vector
+from gcs_bridge.attitude._rows import Array, Mask, Quaternion, Vector, join, numbers, ray, rowwise, vector, where
 from gcs_bridge.attitude.euler import angles_of, parsed
 from gcs_bridge.attitude.quaternion import TINY, conjugated, cross, length, turned
 
@@ -15,6 +15,32 @@ G_M_S2 = 9.80665
 
 REST_TILT_RAD = np.radians(5.0)
 """An attitude may be wrong by this much at rest, and then seems to accelerate at g sin(5 deg) = 0.85 m/s^2."""
+
+
+# Components
+
+
+def down_of(q: Quaternion, norm2: Array) -> Vector:
+    """The world's down seen from the body, a unit vector, of a quaternion of any norm (M17): R_bn z."""
+    w, x, y, z = q
+    double = 2.0 / norm2
+    return double * (x * z - w * y), double * (y * z + w * x), 1.0 - double * (x * x + y * y)
+
+
+def down_felt(f: Vector) -> Vector:
+    """The down that an accelerometer at rest sees, a unit vector (M23): -f/|f|."""
+    x, y, z = f
+    size = length(f)
+    size = where(size > TINY, -size, np.nan)
+    return x / size, y / size, z / size
+
+
+def tilt_felt(q: Quaternion, norm2: Array, f: Vector) -> Array:
+    """Angle between the accelerometer's down and the attitude's (M23)."""
+    zero = 0.0 * norm2
+    down = turned(conjugated(q), norm2, (zero, zero, zero + 1.0))
+    angle = np.arctan2(length(cross(down, f)), -(down[0] * f[0] + down[1] * f[1] + down[2] * f[2]))
+    return where(length(f) > TINY, angle, np.nan)
 
 
 # Specific force and acceleration
@@ -29,9 +55,7 @@ def body_down(q: npt.ArrayLike) -> Array:
     >>> body_down([1, 1, 0, 0]).round(12).tolist()  # rolled right by 90 degrees: down is to the right
     [0.0, 1.0, 0.0]
     """
-    (w, x, y, z), norm2 = ray(q)
-    double = 2.0 / norm2
-    return join(double * (x * z - w * y), double * (y * z + w * x), 1.0 - double * (x * x + y * y))
+    return join(*down_of(*ray(q)))
 
 
 @rowwise(f_b=(3,))
@@ -43,10 +67,7 @@ def down_from_specific_force(f_b: npt.ArrayLike) -> Array:
     >>> down_from_specific_force([0, 0, -9.8]).tolist()
     [0.0, 0.0, 1.0]
     """
-    x, y, z = vector(f_b)
-    size = length((x, y, z))
-    size = np.where(size > TINY, -size, np.nan)
-    return join(x / size, y / size, z / size)
+    return join(*down_felt(vector(f_b)))
 
 
 @rowwise(q_nb=(4,), f_b=(3,))
@@ -59,12 +80,7 @@ def accelerometer_tilt(q_nb: npt.ArrayLike, f_b: npt.ArrayLike) -> Array:
     >>> float(np.degrees(accelerometer_tilt([1, 0, 0, 0], [0, -9.8, -9.8])).round(9))
     45.0
     """
-    q, norm2 = ray(q_nb)
-    zero = 0.0 * norm2
-    down = turned(conjugated(q), norm2, (zero, zero, zero + 1.0))
-    f = vector(f_b)
-    angle = np.arctan2(length(cross(down, f)), -(down[0] * f[0] + down[1] * f[1] + down[2] * f[2]))
-    return np.where(length(f) > TINY, angle, np.nan)
+    return tilt_felt(*ray(q_nb), vector(f_b))
 
 
 @rowwise(q_nb=(4,), a_n=(3,))

@@ -6,7 +6,7 @@ Body rates w are in rad/s about the body's x, y, z. Times are in seconds.
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.attitude._rows import Array, Vector, grid, join, numbers, ray, rowwise, unit, vector
+from gcs_bridge.attitude._rows import Array, Quaternion, Vector, grid, join, numbers, ray, rowwise, unit, vector
 from gcs_bridge.attitude.quaternion import TINY, conjugated, cross, exponential, length, logarithm, product
 
 SMALL_RAD = 1e-4
@@ -47,6 +47,28 @@ def inverse_right_jacobian_times(phi: Vector, w: Vector) -> Vector:
     once = cross(phi, w)
     second_order = (1.0 - 0.5 * clear / np.tan(0.5 * clear)) / (clear * clear)
     return added(w, scaled(once, 0.5), scaled(cross(phi, once), second_order))
+
+
+def interpolated(
+    start: Quaternion, end: Quaternion, w0: Vector, w1: Vector, dt: Array, share: Array
+) -> tuple[Quaternion, Vector]:
+    """Cubic Hermite in the rotation vector from `start`, of unit norm, to `end`: attitude and body rates (M18)."""
+    whole = logarithm(product(conjugated(start), end))
+    slope0 = scaled(w0, dt)
+    slope1 = scaled(inverse_right_jacobian_times(whole, w1), dt)
+    rest = 1.0 - share
+    phi = added(
+        scaled(whole, share * share * (3.0 - 2.0 * share)),
+        scaled(slope0, share * rest * rest),
+        scaled(slope1, -share * share * rest),
+    )
+    slope = added(
+        scaled(whole, 6.0 * share * rest),
+        scaled(slope0, rest * (1.0 - 3.0 * share)),
+        scaled(slope1, share * (3.0 * share - 2.0)),
+    )
+    x, y, z = right_jacobian_times(phi, slope)
+    return product(start, exponential(phi)), (x / dt, y / dt, z / dt)
 
 
 # Rates of quaternions
@@ -193,20 +215,5 @@ def hermite(
     dt, share = numbers(dt_s), numbers(u)
     dt = np.where(dt == 0.0, np.nan, dt)
     share = np.where((share >= 0.0) & (share <= 1.0), share, np.nan)
-    start = unit(q0)
-    whole = logarithm(product(conjugated(start), ray(q1)[0]))
-    slope0 = scaled(vector(w0), dt)
-    slope1 = scaled(inverse_right_jacobian_times(whole, vector(w1)), dt)
-    rest = 1.0 - share
-    phi = added(
-        scaled(whole, share * share * (3.0 - 2.0 * share)),
-        scaled(slope0, share * rest * rest),
-        scaled(slope1, -share * share * rest),
-    )
-    slope = added(
-        scaled(whole, 6.0 * share * rest),
-        scaled(slope0, rest * (1.0 - 3.0 * share)),
-        scaled(slope1, share * (3.0 * share - 2.0)),
-    )
-    x, y, z = right_jacobian_times(phi, slope)
-    return join(*product(start, exponential(phi))), join(x / dt, y / dt, z / dt)
+    q, w = interpolated(unit(q0), ray(q1)[0], vector(w0), vector(w1), dt, share)
+    return join(*q), join(*w)

@@ -10,7 +10,19 @@ The first part works on components and is shared by the modules above this one; 
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.attitude._rows import Array, Quaternion, Vector, join, numbers, ray, rowwise, shaped, unit, vector
+from gcs_bridge.attitude._rows import (
+    Array,
+    Quaternion,
+    Vector,
+    join,
+    numbers,
+    ray,
+    rowwise,
+    shaped,
+    unit,
+    vector,
+    where,
+)
 
 TINY = 1e-150
 """Stands in for a length of zero where a quotient has a limit: sin(TINY)/TINY is exactly 1, and TINY**2 is a float."""
@@ -55,8 +67,7 @@ def length(v: Vector) -> Array:
 
 def turned(q: Quaternion, norm2: Array, v: Vector) -> Vector:
     """Vector v turned by a quaternion of any norm: v + w t + u x t with t = 2 u x v / |q|^2."""
-    w, *u = q
-    ux, uy, uz = u
+    w, ux, uy, uz = q
     tx, ty, tz = cross((ux, uy, uz), v)
     double = 2.0 / norm2
     tx, ty, tz = tx * double, ty * double, tz * double
@@ -85,6 +96,37 @@ def logarithm(q: Quaternion) -> Vector:
     # atan2 of both parts keeps every digit at 0 and at pi, where acos(w) and asin(s) lose half of them.
     scale = np.copysign(2.0 * np.arctan2(sine, np.abs(w)) / sine, w)
     return x * scale, y * scale, z * scale
+
+
+def angle_of(q: Quaternion) -> Array:
+    """Angle by which a quaternion of any norm turns, in [0, pi] (M17)."""
+    w, x, y, z = q
+    return 2.0 * np.arctan2(length((x, y, z)), np.abs(w))
+
+
+def tilt_heading_of(difference: Quaternion) -> tuple[Array, Array]:
+    """Tilt and heading of a difference b * a^-1 on the world's side, of any norm (M17)."""
+    w, x, y, z = difference
+    # Swing and twist of the difference: its twist about z is (w, z), and what is left turns z by the tilt.
+    tilt = 2.0 * np.arctan2(np.sqrt(x * x + y * y), np.sqrt(w * w + z * z))
+    heading = 2.0 * np.arctan2(where(w < 0.0, -z, z), np.abs(w))
+    heading = where(heading <= -np.pi, np.pi, heading)
+    return tilt, where(tilt <= HEADING_UNDEFINED_RAD, heading, np.nan)
+
+
+def between(a: Quaternion, b: Quaternion, share: Array) -> Quaternion:
+    """Unit quaternion at a share of the short way between two of unit norm, with a's sign (M18)."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    sign = where(aw * bw + ax * bx + ay * by + az * bz < 0.0, -1.0, 1.0)
+    bw, bx, by, bz = bw * sign, bx * sign, by * sign, bz * sign
+    # The angle by difference and sum (Kahan): acos of the dot product is blind below 1e-8 rad.
+    apart = np.sqrt((aw - bw) ** 2 + (ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2)
+    along = np.sqrt((aw + bw) ** 2 + (ax + bx) ** 2 + (ay + by) ** 2 + (az + bz) ** 2)
+    angle = np.maximum(2.0 * np.arctan2(apart, along), TINY)
+    sine = np.sin(angle)
+    near, far = np.sin((1.0 - share) * angle) / sine, np.sin(share * angle) / sine
+    return near * aw + far * bw, near * ax + far * bx, near * ay + far * by, near * az + far * bz
 
 
 # Algebra
@@ -200,8 +242,7 @@ def angle_between(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
     >>> float(np.degrees(angle_between([1, 0, 0, 0], [1, 0, 0, -1])).round(9))
     90.0
     """
-    w, x, y, z = product(conjugated(ray(a)[0]), ray(b)[0])
-    return 2.0 * np.arctan2(length((x, y, z)), np.abs(w))
+    return angle_of(product(conjugated(ray(a)[0]), ray(b)[0]))
 
 
 @rowwise(a=(4,), b=(4,))
@@ -217,12 +258,7 @@ def tilt_heading_between(a: npt.ArrayLike, b: npt.ArrayLike) -> tuple[Array, Arr
     >>> float(tilt), float(np.degrees(heading).round(9))
     (0.0, 90.0)
     """
-    w, x, y, z = product(ray(b)[0], conjugated(ray(a)[0]))
-    # Swing and twist of the difference: its twist about z is (w, z), and what is left turns z by the tilt.
-    tilt = 2.0 * np.arctan2(np.sqrt(x * x + y * y), np.sqrt(w * w + z * z))
-    heading = 2.0 * np.arctan2(np.where(w < 0.0, -z, z), np.abs(w))
-    heading = np.where(heading <= -np.pi, np.pi, heading)
-    return tilt, np.where(tilt <= HEADING_UNDEFINED_RAD, heading, np.nan)
+    return tilt_heading_of(product(ray(b)[0], conjugated(ray(a)[0])))
 
 
 # Between and among attitudes
@@ -241,17 +277,7 @@ def slerp(a: npt.ArrayLike, b: npt.ArrayLike, t: npt.ArrayLike) -> Array:
     """
     share = numbers(t)
     share = np.where((share >= 0.0) & (share <= 1.0), share, np.nan)
-    aw, ax, ay, az = unit(a)
-    bw, bx, by, bz = unit(b)
-    sign = np.where(aw * bw + ax * bx + ay * by + az * bz < 0.0, -1.0, 1.0)
-    bw, bx, by, bz = bw * sign, bx * sign, by * sign, bz * sign
-    # The angle by difference and sum (Kahan): acos of the dot product is blind below 1e-8 rad.
-    apart = np.sqrt((aw - bw) ** 2 + (ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2)
-    along = np.sqrt((aw + bw) ** 2 + (ax + bx) ** 2 + (ay + by) ** 2 + (az + bz) ** 2)
-    angle = np.maximum(2.0 * np.arctan2(apart, along), TINY)
-    sine = np.sin(angle)
-    near, far = np.sin((1.0 - share) * angle) / sine, np.sin(share * angle) / sine
-    return join(near * aw + far * bw, near * ax + far * bx, near * ay + far * by, near * az + far * bz)
+    return join(*between(unit(a), unit(b), share))
 
 
 def mean(q: npt.ArrayLike) -> Array:

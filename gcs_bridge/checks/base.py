@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
 from typing import ClassVar, Literal, NamedTuple, TypedDict
 
 import numpy as np
@@ -11,7 +10,9 @@ import numpy as np
 from gcs_bridge import attitude
 from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.record import scale_of
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import AlarmSpec
+from gcs_bridge.alarms.state import Signal
+from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
 from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
@@ -90,8 +91,8 @@ class Check(ABC):
         self._watched_us = RunningMax()
 
     @abstractmethod
-    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
-        """Judge what one batch brought."""
+    def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
+        """Judge what one batch brought: each sample is given to the alarms that it may raise."""
 
     @property
     def broken(self) -> str | None:
@@ -238,12 +239,15 @@ class ImuCheck(Check):
         self._scale: str | None = None
         self._usable = Usable()
 
-    def _follow_scale(self, batch: CheckBatch) -> None:
-        """Take in what the sensor's numbers mean."""
+    def _follow_scale(self, batch: CheckBatch, ballot: Ballot) -> None:
+        """Take in what the sensor's numbers mean, and let the alarms know where that changes."""
         self._usable.breaks = []
         if batch.imu is not None:
             self._scale = batch.imu.scale
             self._usable.follow(finite(getattr(batch.imu, self.judges)), batch.imu.t_boot_us, batch.imu.frame_index)
+            signals = [(one.frame_index, Signal.BROKEN if one.broken else Signal.FOUND) for one in self._usable.breaks]
+            for spec in self.alarm_specs:
+                ballot.signal(ballot.place_of(spec), signals)
 
     @property
     def broken(self) -> str | None:

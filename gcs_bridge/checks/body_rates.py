@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.alarms.spec import RatedSamples
+from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.base import Check, along, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.settings import AlarmSettings, BodyRatesSettings
@@ -31,7 +30,7 @@ class BodyRates(Check):
         what = "the body rates of ATTITUDE and ATTITUDE_QUATERNION differ"
         self.alarm_specs = self._warning, self._alarm = self._warning_and_alarm(what, delays)
 
-    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
+    def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Rate the pairs of the same instant, with what the streams' own last steps allow for."""
         pairs = batch.pairs
         rows = np.flatnonzero(pairs.same_instant)
@@ -43,9 +42,7 @@ class BodyRates(Check):
         detail = along(difference[judged])
         for spec, limit in ((self._warning, self._settings.warning_rad_s), (self._alarm, self._settings.alarm_rad_s)):
             limits = limit + allowed[judged]
-            yield RatedSamples(
-                spec, rated(t_us[judged], frame_index[judged], value[judged], limits, self._delays, detail)
-            )
+            ballot.rate(spec, rated(t_us[judged], frame_index[judged], value[judged], limits, self._delays, detail))
 
     def why_not(self) -> str:
         """Why nothing was judged."""

@@ -7,7 +7,6 @@ estimate, this check finds mistakes of convention, encoding, timing and firmware
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -15,7 +14,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from gcs_bridge import attitude
-from gcs_bridge.alarms.spec import RatedSamples
+from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.base import Check, Numbers, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles
@@ -127,7 +126,7 @@ class EulerQuaternion(Check):
         self._first_us: int | None = None
         self._bad_us, self._onset_us = RunningMax(-_CALM_US), RunningMax(-_CALM_US)
 
-    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
+    def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Compare the pairs, and rate those that count."""
         pairs = batch.pairs
         self.found = found = compare(pairs, self._settings, self._last_interval_id)
@@ -151,8 +150,8 @@ class EulerQuaternion(Check):
         self.counted += len(rows)
         self.bad += int((angle > limit).sum())
         t_us, frame_index = pairs.t_boot_us[rows], pairs.frame_index[rows]
-        yield RatedSamples(self._pairs, rated(t_us, frame_index, angle, limit, self._delays, detail))
-        yield from self._mean(batch, found)
+        ballot.rate(self._pairs, rated(t_us, frame_index, angle, limit, self._delays, detail))
+        self._mean(batch, found, ballot)
 
     def _withheld(self, batch: CheckBatch, found: Disagreement) -> Int64s:
         """Pairs that disagree as a firmware may on purpose, while that could still be found out.
@@ -183,7 +182,7 @@ class EulerQuaternion(Check):
             bad[young & ((about_y & (batch.fixed_wing.at(batch.pairs.frame_index[bad]) != 0)) | (by_trim & starting))]
         )
 
-    def _mean(self, batch: CheckBatch, found: Disagreement) -> Iterator[RatedSamples]:
+    def _mean(self, batch: CheckBatch, found: Disagreement, ballot: Ballot) -> None:
         """The mean turn of the last seconds' good pairs, in world and body axes: noise averages out, offsets don't."""
         pairs = batch.pairs
         good = np.flatnonzero(found.judged & (found.angle <= found.limit) & np.isfinite(found.rotvec_body[:, 0]))
@@ -201,7 +200,7 @@ class EulerQuaternion(Check):
         limit = self._settings.mean_limit_rad + np.sqrt(np.maximum(sums[:, 1], 0.0)) / sums[:, 0]
         enough = (count >= self._settings.mean_pairs) & (t_us - since_us >= 0.5e6 * self._settings.mean_window_s)
         detail = np.hstack((found.tilt[good, None], found.heading[good, None], mean[:, :3]))[enough]
-        yield RatedSamples(
+        ballot.rate(
             self._mean_turn,
             rated(t_us[enough], pairs.frame_index[good][enough], value[enough], limit[enough], self._slow, detail),
         )

@@ -5,14 +5,13 @@ In flight an accelerometer feels every force but gravity, so there only gross di
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import ClassVar, Literal
 
 import numpy as np
 from msgspec.structs import replace
 
 from gcs_bridge import attitude
-from gcs_bridge.alarms.spec import RatedSamples
+from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.attitude import RestWatch
 from gcs_bridge.checks.base import ImuCheck, length, rated
 from gcs_bridge.checks.batch import CheckBatch
@@ -54,9 +53,9 @@ class Gravity(ImuCheck):
         self._sums = SlidingSums(self._settings.gross_window_s, 6)
         self._loud_us = RunningMax(-1)
 
-    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
+    def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Rate each sample of the IMU by the attitude at its time."""
-        self._follow_scale(batch)
+        self._follow_scale(batch, ballot)
         seen = batch.imu_with_attitude.where(finite(batch.imu_with_attitude.f_b_m_s2))
         if not len(seen):
             return
@@ -71,12 +70,19 @@ class Gravity(ImuCheck):
         at = np.flatnonzero(resting & np.isfinite(value))
         detail = _between_downs(down[at], force[at], value[at], self._settings.warning_rad)
         for spec, limit in ((self._warning, self._settings.warning_rad), (self._alarm, self._settings.alarm_rad)):
-            yield RatedSamples(spec, rated(t_us[at], frame_index[at], value[at], limit, self._delays, detail))
-        yield self._gross(t_us, frame_index, force, reported, down, batch.fixed_wing.at(frame_index) == 1)
+            ballot.rate(spec, rated(t_us[at], frame_index[at], value[at], limit, self._delays, detail))
+        self._gross(t_us, frame_index, force, reported, down, batch.fixed_wing.at(frame_index) == 1, ballot)
 
     def _gross(
-        self, t_us: Int64s, frame_index: Int64s, force: Floats, rates: Floats, down: Floats, fixed_wing: Mask
-    ) -> RatedSamples:
+        self,
+        t_us: Int64s,
+        frame_index: Int64s,
+        force: Floats,
+        rates: Floats,
+        down: Floats,
+        fixed_wing: Mask,
+        ballot: Ballot,
+    ) -> None:
         """The mean specific force of some seconds against the mean down, while the vehicle turns slowly."""
         settings = self._settings
         size = np.sqrt(rates[:, 0] ** 2 + rates[:, 1] ** 2 + rates[:, 2] ** 2)
@@ -93,7 +99,7 @@ class Gravity(ImuCheck):
         known = np.isfinite(angle)
         rows, angle = rows[known], angle[known]
         detail = _between_downs(mean_down[known], mean_force[known], angle, settings.gross_rad)
-        return RatedSamples(
+        ballot.rate(
             self._gross_alarm, rated(t_us[rows], frame_index[rows], angle, settings.gross_rad, self._at_once, detail)
         )
 

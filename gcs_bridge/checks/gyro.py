@@ -7,12 +7,11 @@ the difference is followed slowly, and only what comes on top of it counts.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.alarms.spec import RatedSamples
+from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.base import ImuCheck, along, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.windows import Turning
@@ -90,9 +89,9 @@ class Gyro(ImuCheck):
         self._turning = Turning()
         self._first_us: int | None = None
 
-    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
+    def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Rate each sample of the IMU between two of the attitude."""
-        self._follow_scale(batch)
+        self._follow_scale(batch, ballot)
         seen = batch.imu_with_attitude.where(finite(batch.imu_with_attitude.w_b_rad_s))
         # Beyond what gyros can measure, and where the int16 of the wire starts anew (32.767 rad/s), they tell nothing,
         # of their bias neither.
@@ -115,7 +114,7 @@ class Gyro(ImuCheck):
         allowed = length(step)[judged]
         detail = along(rest[judged])
         for spec, limit in ((self._warning, self._settings.warning_rad_s), (self._alarm, self._settings.alarm_rad_s)):
-            yield RatedSamples(
+            ballot.rate(
                 spec, rated(found_t[judged], frame_index[judged], value[judged], limit + allowed, self._delays, detail)
             )
 

@@ -7,13 +7,13 @@ slope of turn against rate shows rates of the wrong scale, sign or axis.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
 
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import AlarmSpec
+from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.base import Check, along, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.windows import SlidingSums, Turning
@@ -64,7 +64,7 @@ class Kinematics(Check):
         self._turning = [Turning() for _ in STREAMS]
         self._denied = [False for _ in STREAMS]
 
-    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
+    def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Rate every step of both streams."""
         both = batch.steps
         told = [
@@ -94,12 +94,12 @@ class Kinematics(Check):
             rating = rated(
                 steps.t1_us[rows], steps.frame_index[rows], value, steps.limit_rad[rows], self._delays, detail
             )
-            yield RatedSamples(alarms.steps, rating)
-            yield from self._slope(alarms.slope, sums, steps, by_rates, usable & ~steps.contradicts_rates)
+            ballot.rate(alarms.steps, rating)
+            self._slope(alarms.slope, sums, steps, by_rates, usable & ~steps.contradicts_rates, ballot)
 
     def _slope(
-        self, spec: AlarmSpec, sums: SlidingSums, steps: Steps, by_rates: Floats, usable: Mask
-    ) -> Iterator[RatedSamples]:
+        self, spec: AlarmSpec, sums: SlidingSums, steps: Steps, by_rates: Floats, usable: Mask, ballot: Ballot
+    ) -> None:
         """Turn over rate, per body axis, by least squares over the last seconds."""
         settings = self._settings
         by_rates, turn = np.where(usable[:, None], by_rates, 0.0), np.where(usable[:, None], steps.turn_b_rad, 0.0)
@@ -122,7 +122,7 @@ class Kinematics(Check):
         rows = np.flatnonzero(seen)
         off = off[rows]
         value = np.maximum(np.maximum(off[:, 0], off[:, 1]), off[:, 2])
-        yield RatedSamples(
+        ballot.rate(
             spec,
             rated(
                 steps.t1_us[rows], steps.frame_index[rows], value, 1.0, self._slow, along(np.maximum(off - 1.0, 0.0))

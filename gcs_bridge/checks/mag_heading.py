@@ -7,13 +7,12 @@ healthy aircraft.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
 
 from gcs_bridge import attitude
-from gcs_bridge.alarms.spec import RatedSamples
+from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.base import Check, length
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.settings import MagHeadingSettings
@@ -43,7 +42,7 @@ class MagHeading(Check):
         self._first_us: int | None = None
         self._mean = np.zeros((1, 2))  # running sum of the difference's direction
 
-    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
+    def judge(self, batch: CheckBatch, _ballot: Ballot) -> None:
         """Follow the difference; nothing is rated."""
         seen = batch.imu_with_attitude.where(length(batch.imu_with_attitude.m_b_gauss) > _LEAST_GAUSS)
         if not len(seen):
@@ -63,7 +62,6 @@ class MagHeading(Check):
         rates, down = np.nan_to_num(seen.w1_b_rad_s), attitude.body_down(seen.q_nb)
         calm = (length(rates) < self._settings.quiet_below_rad_s) & (down[:, 2] > np.cos(self._settings.quiet_bank_rad))
         self._watch(t_us, value, calm & (t_us - self._first_us >= self._settings.skipped_s * 1e6) & (size > 0))
-        yield from ()
 
     def why_not(self) -> str:
         """Why nothing was judged."""

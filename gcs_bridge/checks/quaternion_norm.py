@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.alarms.spec import RatedSamples
+from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.base import Check, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.settings import AlarmSettings, QuaternionNormSettings
@@ -32,7 +31,7 @@ class QuaternionNorm(Check):
         what = "the norm of ATTITUDE_QUATERNION is not 1"
         self.alarm_specs = self._warning, self._alarm = self._warning_and_alarm(what, delays, asks_doctor=True)
 
-    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
+    def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Rate each finite quaternion, those without any attitude left included."""
         q = batch.quaternion.q_nb
         with np.errstate(over="ignore"):
@@ -41,7 +40,7 @@ class QuaternionNorm(Check):
         self._watch(batch.quaternion.t_boot_us, off, numbers)
         t_us, frame_index = batch.quaternion.t_boot_us[numbers], batch.quaternion.frame_index[numbers]
         for spec, limit in ((self._warning, self._settings.warning), (self._alarm, self._settings.alarm)):
-            yield RatedSamples(spec, rated(t_us, frame_index, off[numbers], limit, self._delays))
+            ballot.rate(spec, rated(t_us, frame_index, off[numbers], limit, self._delays))
 
     def why_not(self) -> str:
         """Why nothing was judged."""

@@ -6,7 +6,6 @@ at any time. A second estimate that never agreed (without a compass its yaw does
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
@@ -14,7 +13,8 @@ import msgspec
 import numpy as np
 
 from gcs_bridge import attitude
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import AlarmSpec
+from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.base import Check, between_attitudes, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
@@ -107,7 +107,7 @@ class SecondaryEstimate(Check):
         self._first_us: int | None = None
         self._latest_us = -1
 
-    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
+    def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Rate each AHRS2 by the first estimate at its time."""
         samples = batch.secondary.where(batch.secondary.valid)
         rows = np.hstack((samples.q_nb, samples.gap_us[:, None] * 1e-6))
@@ -146,7 +146,7 @@ class SecondaryEstimate(Check):
                 at = np.flatnonzero(where & np.isfinite(angle))
                 limits_at = limit + bound[at]
                 detail = between_attitudes(angle[at] > limits_at, first[at], second[at])
-                yield RatedSamples(spec, rated(t_us[at], frame_index[at], angle[at], limits_at, spec.delays, detail))
+                ballot.rate(spec, rated(t_us[at], frame_index[at], angle[at], limits_at, spec.delays, detail))
 
     def _with_quiet(self, track: Track) -> Track:
         """The attitudes, each with the seconds since it was last turning fast or banked."""

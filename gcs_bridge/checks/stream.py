@@ -12,7 +12,8 @@ from msgspec.structs import replace
 
 from gcs_bridge import attitude
 from gcs_bridge.alarms.rated import Rated
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import AlarmSpec
+from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.base import Check, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax, last_where
@@ -203,7 +204,7 @@ class StreamCheck(Check):
         self._transfers: Int64s = np.empty(0, np.int64)
         self._frames: tuple[Int64s, Int64s] = np.empty(0, np.int64), np.empty(0, np.int64)
 
-    def judge(self, batch: CheckBatch) -> Iterator[RatedSamples]:
+    def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Rate what came, and what did not."""
         sides = (batch.euler, batch.quaternion)
         sent = [say.frame_index for say in batch.statements if isinstance(say, ParameterSet)]
@@ -211,21 +212,21 @@ class StreamCheck(Check):
         least = self._least_periods(batch)
         for k, (alarms, stream) in enumerate(zip(self._alarms, self._streams, strict=True)):
             samples, frame_index = sides[k], sides[k].frame_index
-            yield RatedSamples(alarms.silent, stream.silent(k, batch, least, self._transfers, self._at_once))
+            ballot.rate(alarms.silent, stream.silent(k, batch, least, self._transfers, self._at_once))
             if len(samples):
                 same_s, moved = stream.frozen(samples, sides[1 - k])
                 value = np.where(moved, same_s, 0.0)
                 frozen = rated(
                     samples.t_boot_us, frame_index, value, self._settings.frozen_after_s * 0.999, self._at_once
                 )
-                yield RatedSamples(alarms.frozen, frozen)
+                ballot.rate(alarms.frozen, frozen)
                 invalid = np.where(finite(samples.q_nb), 0.0, 1.0)
-                yield RatedSamples(alarms.invalid, rated(samples.t_boot_us, frame_index, invalid, 0.5, self._delays))
+                ballot.rate(alarms.invalid, rated(samples.t_boot_us, frame_index, invalid, 0.5, self._delays))
                 windows = np.array(list(stream.slow(samples, self._transfers))).reshape(-1, 3)
                 share = 1.0 / np.maximum(windows[:, 2], 1e-3)
                 at = windows[:, 1].astype(np.int64)
                 slow = rated(windows[:, 0].astype(np.int64), at, share, 1.0 / self._settings.slow_below, self._at_once)
-                yield RatedSamples(alarms.slow, slow)
+                ballot.rate(alarms.slow, slow)
             stream.hear_other(sides[1 - k])
         arrival = np.argsort(np.concatenate([samples.frame_index for samples in sides]), kind="stable")
         t_us = np.concatenate([samples.t_boot_us for samples in sides])[arrival]
@@ -236,12 +237,12 @@ class StreamCheck(Check):
         if len(t_us):
             self._watch(t_us, np.diff(self._heard_us.feed(t_us)) * 1e-6, np.ones(len(t_us), np.bool_))
 
-    def silent(self, turns: list[StreamChange]) -> Iterator[RatedSamples]:
+    def silent(self, turns: list[StreamChange], ballot: Ballot) -> None:
         """Rate silences that were found on receive time, while no timed message came."""
         for k, alarms in enumerate(self._alarms):
             found = _silences(turns, k)
             if found:
-                yield RatedSamples(alarms.silent, _at_deadlines(found, self._at_once))
+                ballot.rate(alarms.silent, _at_deadlines(found, self._at_once))
 
     def _least_periods(self, batch: CheckBatch) -> Floats:
         """How many periods of silence mean something, by the share of the vehicle's frames that was lost of late."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from gcs_bridge.alarms.manager import SignalAt
 from gcs_bridge.alarms.state import Signal
@@ -87,16 +87,10 @@ def stream_changes(
     return notices, signals
 
 
-def breaks(
-    vehicle: VehicleId, boot: int, checks: Sequence[Check], link: LinkClock
-) -> tuple[list[Notice], list[SignalAt]]:
+def breaks(vehicle: VehicleId, boot: int, checks: Sequence[Check], link: LinkClock) -> Iterator[Notice]:
     """Comparisons that became unable to run, or able again."""
-    notices, signals = [], []
     for check in checks:
         for one in check.breaks():
             where = head(vehicle, boot, one.t_boot_us, link.at(one.frame_index), check.name)
             told = Inop(**where, reason=check.broken) if one.broken else CompareResumed(**where)
-            notices.append(Notice(one.frame_index, told))
-            signal = Signal.BROKEN if one.broken else Signal.FOUND
-            signals.append(SignalAt(frame_index=one.frame_index, check=check.name, signal=signal))
-    return notices, signals
+            yield Notice(one.frame_index, told)

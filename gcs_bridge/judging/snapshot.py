@@ -7,7 +7,7 @@ from typing import Annotated, Any, NamedTuple
 from msgspec import Meta, Struct
 
 from gcs_bridge.alarms.record import scale_of
-from gcs_bridge.alarms.spec import RatedSamples
+from gcs_bridge.alarms.slot import AlarmSlot
 from gcs_bridge.alarms.state import Announcement, State
 from gcs_bridge.contract import Severity, Stream, plain
 from gcs_bridge.report.schema import CheckVerdict, Verdict
@@ -122,7 +122,7 @@ def attitude_now(samples: AttitudeSamples | None, t_rx_us: int, *, alive: bool) 
     )
 
 
-def last_of(found: RatedSamples) -> LastSample:
-    """The last of some samples, one at least."""
-    rated, scale = found.rated, scale_of(found.spec.unit)
-    return LastSample(int(rated.t_boot_us[-1]) / 1e6, float(rated.value[-1]) * scale, float(rated.limit[-1]) * scale)
+def last_of(slot: AlarmSlot) -> LastSample:
+    """The last sample of an alarm."""
+    last, scale = slot.last_sample, scale_of(slot.spec.unit)
+    return NO_SAMPLE if last is None else LastSample(last[0] / 1e6, last[1] * scale, last[2] * scale)

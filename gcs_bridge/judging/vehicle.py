@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_bridge.alarms.manager import AlarmManager, AlarmTransition
-from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.checks import all_checks
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
@@ -28,7 +27,7 @@ from gcs_bridge.judging.diagnosis_cases import SentBatch
 from gcs_bridge.judging.estimator_resets import Statements
 from gcs_bridge.judging.notices import breaks, clock_notice, reset_notice, stream_changes
 from gcs_bridge.judging.observation import Observation, Observer
-from gcs_bridge.judging.snapshot import NO_SAMPLE, AlarmNow, CheckNow, LastSample, VehicleNow, attitude_now, last_of
+from gcs_bridge.judging.snapshot import AlarmNow, CheckNow, VehicleNow, attitude_now, last_of
 from gcs_bridge.judging.verdicts import Verdicts
 from gcs_bridge.pairing.references import VehicleImu
 from gcs_bridge.report import schema
@@ -73,7 +72,6 @@ class VehicleJudge:
         self._streams: dict[str, StreamCount] = {}
         self._verdicts = Verdicts(self._checks, self.alarm_manager, self._expected, self._streams, settings)
         self._latest: list[AttitudeSamples | None] = [None, None]  # what came last of both streams
-        self._rated: dict[AlarmSpec, LastSample] = {}
         self._heard = StepSignal()  # when any frame of the vehicle came, receive time, µs
 
     def take(self, batch: VehicleBatch, frame_indices: Int64s, link: LinkClock) -> Iterator[Notice]:
@@ -104,7 +102,9 @@ class VehicleJudge:
         if turns:
             notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link)
             yield from notices
-            yield from self.alarm_manager.feed(self._stream_check.silent(turns), signals, link)
+            self.alarm_manager.begin(signals, link)
+            self._stream_check.silent(turns, self.alarm_manager.ballot)
+            yield from self.alarm_manager.tell(link)
 
     def _heard_on(self, turns: list[StreamChange], link: LinkClock) -> list[StreamChange]:
         """The same without silences of streams in which the whole vehicle was silent."""
@@ -144,7 +144,7 @@ class VehicleJudge:
         by_check: dict[str, list[AlarmNow]] = {check.name: [] for check in self._checks}
         for slot in self.alarm_manager.slots:
             spec, record = slot.spec, slot.record
-            t_boot_s, value, limit = self._rated.get(spec, NO_SAMPLE)
+            t_boot_s, value, limit = last_of(slot)
             alarm = AlarmNow(
                 name=spec.name,
                 severity=spec.severity,
@@ -152,7 +152,7 @@ class VehicleJudge:
                 t_boot_s=t_boot_s,
                 value=value,
                 limit=limit,
-                state=slot.alarm.state,
+                state=slot.ahead,
                 announcement=slot.announcement,
                 id=None if record is None else record.id,
                 peak=None if record is None else record.peak,
@@ -270,10 +270,10 @@ class VehicleJudge:
             t_rx_us = link.at(reset.frame_index)
             said = self._statements.before(reset.frame_index, t_rx_us)
             yield reset_notice(self.vehicle, boot.index, reset, t_rx_us, said)
-        ratings = [found for check in self._checks for found in check.judge(flight)]
-        self._rated.update((one.spec, last_of(one)) for one in ratings if len(one.rated))
-        notices, broken = breaks(self.vehicle, boot.index, self._checks, link)
-        yield from notices
+        self.alarm_manager.begin(signals, link)
+        for check in self._checks:
+            check.judge(flight, self.alarm_manager.ballot)
+        yield from breaks(self.vehicle, boot.index, self._checks, link)
         found = self._euler_quaternion.found
         assert found is not None
         boot.diagnosis_cases.keep(
@@ -286,9 +286,7 @@ class VehicleJudge:
                 bad=found.judged & (found.angle > found.limit),
             )
         )
-        told_of = [
-            *self.alarm_manager.feed(ratings, [*signals, *broken], link, lambda moment: self._ask(boot, moment, link))
-        ]
+        told_of = [*self.alarm_manager.tell(link, lambda moment: self._ask(boot, moment, link))]
         for name in list(boot.asked):
             for frame_index, t_boot_us in boot.diagnosis_cases.due(name):
                 told_of += self._answer(boot, name, frame_index, t_boot_us, link)
@@ -353,7 +351,6 @@ class VehicleJudge:
             boot.no_compare_told = before.no_compare_told
             self._verdicts.left_pending |= self.alarm_manager.pending(self._euler_quaternion.name)
         self._boot = boot
-        self._rated.clear()
         self.alarm_manager.start_boot(boot.index)
         self._expected.start_boot()
         for check in self._checks:

@@ -1,0 +1,375 @@
+"""The votes and delays of all alarms of a vehicle, compiled: a check's kernel gives each sample to its alarms itself.
+
+Sample after sample, in order of arrival; what comes out are changes of state alone. The rules are those of `state`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge.alarms.rated import Rated, Worst
+from gcs_bridge.alarms.spec import AlarmSpec
+from gcs_bridge.alarms.state import CLEARING, PENDING, QUIET, TRANSITIONS, Change, Signal, State
+from gcs_bridge.columns import Floats, Int64s, Records
+from gcs_bridge.jit import helper, kernel
+
+_STATES, _SIGNALS = tuple(State), tuple(Signal)
+NEXT = np.array([[_STATES.index(TRANSITIONS.get((one, by), one)) for by in _SIGNALS] for one in _STATES])
+IS_PENDING, IS_CLEARING, IS_QUIET = (np.array([one in of for one in _STATES]) for of in (PENDING, CLEARING, QUIET))
+_BAD, _BETWEEN, _LOW, _DELAYED = (
+    _SIGNALS.index(one) for one in (Signal.BAD, Signal.BETWEEN, Signal.LOW, Signal.DELAYED)
+)
+_NO_SIGNAL = -1
+_SHORT = 32  # excursions that were too short, of which as many can count together
+_EXCURSIONS, _DELAYS = 3, 1.5  # so many, and so many on-delays long together, raise the alarm
+
+ALARM = np.dtype(
+    [
+        ("state", "i8"),  # place in State
+        ("now_us", "i8"),  # the latest sample's time: one that comes late does not turn the delays back
+        ("since_us", "i8"),  # when the state began
+        ("voted_us", "i8"),  # when the vote was bad last
+        ("onset_us", "i8"),  # of the present excursion: its first bad sample
+        ("worst", "f8"),  # and its largest value, with what came with that
+        ("worst_detail", "f8", (5,)),
+        ("samples", "i8"),
+        ("t_us", "i8"),  # the last sample, against its limit
+        ("value", "f8"),
+        ("limit", "f8"),
+        ("shorts", "i8"),  # excursions that were too short, of late
+        ("short_row", "i8"),  # where they are kept, −1: they are not
+        ("signal", "i8"),  # the next of its signals
+        ("signals", "i8"),  # the end of them
+        # Of its spec.
+        ("bad_samples", "i8"),
+        ("counted_samples", "i8"),
+        ("window_us", "i8"),
+        ("on_delay_us", "i8"),
+        ("off_delay_us", "i8"),
+        ("recurring_window_us", "i8"),
+        ("clear_below", "f8"),
+    ]
+)
+CHANGE = np.dtype(
+    [
+        ("alarm", "i8"),
+        ("frame_index", "i8"),
+        ("before", "i8"),
+        ("after", "i8"),
+        ("t_us", "i8"),
+        ("onset_us", "i8"),
+        ("worst", "f8"),
+        ("worst_detail", "f8", (5,)),
+    ]
+)
+_T, _VALUE, _IS_BAD, _IS_LOW, _DETAIL = range(5)  # columns of `recent`; the detail has five
+
+
+class Votes(NamedTuple):
+    """What kernels are given of the alarms: all arrays, changed in place."""
+
+    alarm: Records  # (n,) ALARM
+    recent: Floats  # (n, counted, 9) a ring of the last samples each
+    short: Int64s  # (k, _SHORT, 3) onset, since and until when an excursion was pending that was taken back
+    signal: Int64s  # (m, 2) frame and place in Signal, those of one alarm together
+    change: Records  # CHANGE, as many as there is room for
+    changes: Int64s  # (1,) how many there are
+
+
+# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
+
+
+@helper
+def vote(votes, a, frame_index, t_us, value, limit, detail):  # type: ignore[no-untyped-def]  # typed by numba
+    """Give the alarm `a` its next sample: bad above `limit`; `detail`, five numbers, counts where it is bad alone."""
+    alarm = votes.alarm[a]
+    if alarm.signal < alarm.signals:
+        _pass_signals(votes, a, frame_index)
+    alarm.t_us, alarm.value, alarm.limit = t_us, value, limit
+    bad, low = value > limit, value <= alarm.clear_below * limit
+    alarm.now_us = max(alarm.now_us, t_us)
+    counted = alarm.counted_samples
+    recent = votes.recent[a]
+    at = alarm.samples % counted
+    recent[at, _T], recent[at, _VALUE], recent[at, _IS_BAD], recent[at, _IS_LOW] = t_us, value, bad, low
+    if bad:
+        for i in range(5):
+            recent[at, _DETAIL + i] = detail[i]
+    alarm.samples += 1
+    n_bad = n_high = 0
+    for i in range(min(alarm.samples, counted)):
+        if alarm.now_us - recent[i, _T] <= alarm.window_us:
+            n_bad += recent[i, _IS_BAD] != 0.0
+            n_high += recent[i, _IS_LOW] == 0.0
+    said = _BETWEEN
+    if n_bad >= alarm.bad_samples:
+        said = _BAD
+    elif n_high < alarm.bad_samples:
+        said = _LOW
+    if IS_QUIET[alarm.state]:
+        if said == _BAD:
+            _begin(votes, a)
+    elif bad and value > alarm.worst:
+        alarm.worst = value
+        for i in range(5):
+            alarm.worst_detail[i] = detail[i]
+    _go(votes, a, frame_index, said)
+    waited_us = alarm.now_us - alarm.since_us
+    if IS_PENDING[alarm.state]:
+        alarm.voted_us = alarm.now_us
+        if waited_us >= alarm.on_delay_us or _recurs(votes, a, waited_us):
+            _go(votes, a, frame_index, _DELAYED)
+    elif IS_CLEARING[alarm.state] and waited_us >= alarm.off_delay_us:
+        _go(votes, a, frame_index, _DELAYED)
+
+
+@helper
+def _begin(votes, a):  # type: ignore[no-untyped-def]  # typed by numba
+    """An excursion begins with the bad ones of the samples that voted for it."""
+    alarm, recent, counted = votes.alarm[a], votes.recent[a], votes.alarm[a].counted_samples
+    alarm.worst, alarm.onset_us = -np.inf, alarm.now_us
+    n = min(alarm.samples, counted)
+    for i in range(n):
+        at = (alarm.samples - n + i) % counted  # the oldest first: of two alike it is the worst
+        if recent[at, _IS_BAD] == 0.0 or alarm.now_us - recent[at, _T] > alarm.window_us:
+            continue
+        alarm.onset_us = min(alarm.onset_us, np.int64(recent[at, _T]))
+        if recent[at, _VALUE] > alarm.worst:
+            alarm.worst = recent[at, _VALUE]
+            for j in range(5):
+                alarm.worst_detail[j] = recent[at, _DETAIL + j]
+
+
+@helper
+def _recurs(votes, a, waited_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether the pending excursion is one of several that were too short: a lag comes and goes."""
+    alarm = votes.alarm[a]
+    if alarm.short_row < 0:
+        return False
+    short = votes.short[alarm.short_row]
+    left, lasted_us = 0, waited_us
+    for i in range(alarm.shorts):
+        if left or short[i, 1] >= alarm.now_us - alarm.recurring_window_us:
+            for column in range(3):
+                short[left, column] = short[i, column]
+            lasted_us += short[left, 2] - short[left, 1]
+            left += 1
+    alarm.shorts = left
+    if left < _EXCURSIONS - 1 or lasted_us < _DELAYS * alarm.on_delay_us:
+        return False
+    alarm.onset_us = short[0, 0]
+    return True
+
+
+@helper
+def _go(votes, a, frame_index, signal):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take the alarm to its next state, if the signal leads to another one."""
+    alarm = votes.alarm[a]
+    before = alarm.state
+    after = NEXT[before, signal]
+    if after == before:
+        return
+    if IS_PENDING[before] and IS_QUIET[after] and alarm.short_row >= 0:
+        short = votes.short[alarm.short_row]
+        if alarm.shorts == _SHORT:
+            alarm.shorts -= 1
+            for i in range(alarm.shorts):
+                for column in range(3):
+                    short[i, column] = short[i + 1, column]
+        short[alarm.shorts, 0], short[alarm.shorts, 1], short[alarm.shorts, 2] = (
+            alarm.onset_us, alarm.since_us, alarm.voted_us,
+        )  # fmt: skip
+        alarm.shorts += 1
+    alarm.since_us = alarm.now_us
+    alarm.state = after
+    _write(votes, a, frame_index, before, alarm.now_us)
+
+
+@helper
+def _write(votes, a, frame_index, before, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """Put down where the alarm is with a frame, and what it was before."""
+    alarm, change = votes.alarm[a], votes.change[votes.changes[0]]
+    votes.changes[0] += 1
+    change.alarm, change.frame_index, change.before, change.after = a, frame_index, before, alarm.state
+    change.t_us, change.onset_us, change.worst = t_us, alarm.onset_us, alarm.worst
+    for i in range(5):
+        change.worst_detail[i] = alarm.worst_detail[i]
+
+
+@helper
+def _pass_signals(votes, a, frame_index):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take the signals that came up to a frame, before its own sample; what is no signal tells where the alarm is."""
+    alarm = votes.alarm[a]
+    while alarm.signal < alarm.signals and votes.signal[alarm.signal, 0] <= frame_index:
+        at, by = votes.signal[alarm.signal]
+        alarm.signal += 1
+        before = alarm.state
+        if by != _NO_SIGNAL:
+            alarm.state = NEXT[before, by]
+        if alarm.state != before or by == _NO_SIGNAL:
+            _write(votes, a, at, before, 0)
+
+
+@kernel
+def pass_signals(votes: Votes) -> None:
+    """Take all signals that no sample followed."""
+    for a in range(votes.alarm.size):
+        if votes.alarm[a].signal < votes.alarm[a].signals:
+            _pass_signals(votes, a, np.iinfo(np.int64).max)
+
+
+@kernel
+def vote_all(
+    votes: Votes, a: int, frame_index: Int64s, t_us: Int64s, value: Floats, limit: Floats, detail: Floats
+) -> None:
+    """Give the alarm `a` samples (n,) with their details (n, 5)."""
+    for i in range(value.size):
+        vote(
+            votes,
+            a,
+            frame_index[i],
+            t_us[i],
+            value[i],
+            limit[i],
+            (detail[i, 0], detail[i, 1], detail[i, 2], detail[i, 3], detail[i, 4]),
+        )
+
+
+class AlarmChange(NamedTuple):
+    """A change of the alarm at place `alarm` of the specs, with the frame that brought it about."""
+
+    alarm: int
+    frame_index: int
+    change: Change
+
+
+class Ballot:
+    """The alarms of one vehicle within one boot, by the place of their specs."""
+
+    def __init__(self, specs: Sequence[AlarmSpec]) -> None:
+        """Start with every alarm normal."""
+        self.specs = tuple(specs)
+        self._place = {spec: place for place, spec in enumerate(self.specs)}
+        n, recurring = len(self.specs), [spec for spec in self.specs if spec.recurring_window_s]
+        most = max((spec.delays.counted_samples for spec in self.specs), default=1)
+        self._votes = Votes(
+            alarm=np.zeros(n, ALARM),
+            recent=np.zeros((n, most, _DETAIL + 5)),
+            short=np.zeros((len(recurring), _SHORT, 3), np.int64),
+            signal=_NO_SIGNALS,
+            change=np.empty(16, CHANGE),
+            changes=np.zeros(1, np.int64),
+        )
+        for alarm, spec in zip(self._votes.alarm, self.specs, strict=True):
+            delays = spec.delays
+            alarm["bad_samples"], alarm["counted_samples"] = delays.bad_samples, delays.counted_samples
+            alarm["window_us"], alarm["clear_below"] = round(delays.window_s * 1e6), delays.clear_below
+            alarm["on_delay_us"], alarm["off_delay_us"] = (
+                round(delays.on_delay_s * 1e6),
+                round(delays.off_delay_s * 1e6),
+            )
+            alarm["recurring_window_us"] = round(spec.recurring_window_s * 1e6)
+            alarm["short_row"] = recurring.index(spec) if spec.recurring_window_s else -1
+        self._fresh = self._votes.alarm.copy()
+        self._fresh["worst"], self._fresh["onset_us"] = -1.0, -1
+        self.start_boot()
+
+    def start_boot(self) -> None:
+        """Begin anew, with every alarm normal."""
+        self._votes.alarm[:] = self._fresh
+        self._signals: dict[int, list[tuple[int, int]]] = {}
+
+    def place_of(self, spec: AlarmSpec) -> int:
+        """Where the alarm is; LookupError for one that is none of the vehicle's: it would never raise anything."""
+        place = self._place.get(spec)
+        if place is None:
+            raise LookupError(f"check {spec.check}: its alarm {spec.name!r} is not among its alarm_specs")
+        return place
+
+    def signal(self, place: int, signals: Iterable[tuple[int, Signal | None]]) -> None:
+        """Take signals, each with its frame, before the samples among which they came; None: tell where it is there."""
+        more = [(frame_index, _NO_SIGNAL if one is None else _SIGNALS.index(one)) for frame_index, one in signals]
+        if not more:
+            return
+        self._signals[place] = sorted([*self._signals.get(place, ()), *more], key=lambda one: one[0])
+        rows: list[tuple[int, int]] = []
+        for a, some in self._signals.items():
+            self._votes.alarm["signal"][a], self._votes.alarm["signals"][a] = len(rows), len(rows) + len(some)
+            rows += some
+        self._votes = self._votes._replace(signal=np.array(rows, np.int64))
+
+    def votes(self, samples: int) -> Votes:
+        """What a kernel is given, with room for what `samples` votes may change."""
+        needed = int(self._votes.changes[0]) + 2 * samples + len(self._votes.signal)
+        if needed > len(self._votes.change):
+            change = np.empty(2 * needed, CHANGE)
+            change[: self._votes.changes[0]] = self._votes.change[: self._votes.changes[0]]
+            self._votes = self._votes._replace(change=change)
+        return self._votes
+
+    def rate(self, spec: AlarmSpec, rated: Rated) -> None:
+        """Give an alarm samples that no kernel has rated."""
+        if len(rated):
+            frame_index, t_us, value, limit = rated.frame_index, rated.t_boot_us, rated.value, rated.limit
+            vote_all(
+                self.votes(len(rated)),
+                self.place_of(spec),
+                frame_index,
+                t_us,
+                value,
+                np.ascontiguousarray(limit),
+                rated.detail,
+            )
+
+    def changes(self) -> list[AlarmChange]:
+        """What has changed since this was asked last, signals included that no sample followed."""
+        if self._signals:
+            pass_signals(self.votes(0))
+            self._signals.clear()
+            self._votes.alarm["signal"] = self._votes.alarm["signals"] = 0
+            self._votes = self._votes._replace(signal=_NO_SIGNALS)
+        n = int(self._votes.changes[0])
+        if not n:
+            return []
+        self._votes.changes[0] = 0
+        return [
+            AlarmChange(
+                int(one["alarm"]),
+                int(one["frame_index"]),
+                Change(
+                    before=_STATES[one["before"]],
+                    state=_STATES[one["after"]],
+                    t_boot_us=int(one["t_us"]),
+                    worst=Worst(float(one["worst"]), one["worst_detail"].copy()),
+                    onset_us=int(one["onset_us"]),
+                ),
+            )
+            for one in self._votes.change[:n]
+        ]
+
+    def state(self, place: int) -> State:
+        """Where the alarm is, by all samples that it was given."""
+        return _STATES[int(self._votes.alarm["state"][place])]
+
+    def take_signal(self, place: int, signal: Signal) -> State:
+        """Take a signal at once, between batches; return the state behind it."""
+        alarm = self._votes.alarm
+        alarm["state"][place] = NEXT[alarm["state"][place], _SIGNALS.index(signal)]
+        return self.state(place)
+
+    def worst(self, place: int) -> Worst:
+        """The peak of the alarm's present, or last, excursion."""
+        alarm = self._votes.alarm[place]
+        return Worst(float(alarm["worst"]), alarm["worst_detail"].copy())
+
+    def last(self, place: int) -> tuple[int, float, float] | None:
+        """Time, µs, value and limit of the alarm's last sample; None: none came within the boot."""
+        alarm = self._votes.alarm[place]
+        return (int(alarm["t_us"]), float(alarm["value"]), float(alarm["limit"])) if alarm["samples"] else None
+
+
+_NO_SIGNALS: npt.NDArray[np.int64] = np.empty((0, 2), np.int64)

@@ -1,0 +1,79 @@
+"""This package's math inside compiled kernels: one row at a time, by the very functions that take whole columns.
+
+A kernel calls what works on components (`product`, `logarithm`, `interpolated`, …) as it stands in the other modules.
+Here is what a kernel needs beside: how a row is opened, and closed again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba.extending import overload
+
+from gcs_bridge.attitude import _rows, euler, gravity, kinematics, quaternion
+from gcs_bridge.jit import helper, share
+
+share(
+    quaternion.product,
+    quaternion.conjugated,
+    quaternion.cross,
+    quaternion.length,
+    quaternion.turned,
+    quaternion.exponential,
+    quaternion.logarithm,
+    quaternion.angle_of,
+    quaternion.tilt_heading_of,
+    quaternion.between,
+    kinematics.scaled,
+    kinematics.added,
+    kinematics.right_jacobian_times,
+    kinematics.inverse_right_jacobian_times,
+    kinematics.interpolated,
+    gravity.down_of,
+    gravity.down_felt,
+    gravity.tilt_felt,
+    euler.quaternion_of_rpy,
+)
+_LEAST, _MOST = _rows.LARGEST**-2, _rows.LARGEST**2
+_LARGEST = _rows.LARGEST
+
+
+# What follows carries no types: numba types it anew wherever it is compiled into a kernel.
+
+
+@overload(_rows.where)
+def _where(mask, there, elsewhere):  # type: ignore[no-untyped-def]  # noqa: ARG001  typed by numba
+    return lambda mask, there, elsewhere: there if mask else elsewhere
+
+
+@helper
+def ray_at(q, row):  # type: ignore[no-untyped-def]  # typed by numba
+    """As `ray`: row `row` of q (n, 4) as w, x, y, z, and the squared norm; NaN without a direction."""
+    w, x, y, z = q[row, 0], q[row, 1], q[row, 2], q[row, 3]
+    norm2 = w * w + x * x + y * y + z * z
+    if not _LEAST <= norm2 <= _MOST:
+        w = x = y = z = norm2 = np.nan
+    return (w, x, y, z), norm2
+
+
+@helper
+def unit_at(q, row):  # type: ignore[no-untyped-def]  # typed by numba
+    """As `unit`: row `row` of q (n, 4), of unit norm."""
+    (w, x, y, z), norm2 = ray_at(q, row)
+    scale = 1.0 / np.sqrt(norm2)
+    return w * scale, x * scale, y * scale, z * scale
+
+
+@helper
+def vector_at(v, row):  # type: ignore[no-untyped-def]  # typed by numba
+    """As `vector`: row `row` of v (n, 3) as x, y, z; NaN as a whole where any of them means nothing."""
+    x, y, z = v[row, 0], v[row, 1], v[row, 2]
+    if not (abs(x) <= _LARGEST and abs(y) <= _LARGEST and abs(z) <= _LARGEST):
+        x = y = z = np.nan
+    return x, y, z
+
+
+@helper
+def put(parts, out, row):  # type: ignore[no-untyped-def]  # typed by numba
+    """As `join`: write the parts into row `row` of out (n, k), without negative zeros."""
+    for i in range(len(parts)):
+        out[row, i] = parts[i] + 0.0
