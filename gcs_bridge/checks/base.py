@@ -14,14 +14,55 @@ from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import Signal
 from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.checks.quantiles import Quantiles
-from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
+from gcs_bridge.checks.quantiles import Quantiles, Waiting, note
+from gcs_bridge.columns import Floats, Int64s, Mask, Records
 from gcs_bridge.contract import Distribution, Severity, known
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.telemetry.samples import finite
 
 _UNKNOWN_SAMPLES = 200
 _LONGEST_US = 2_000_000  # of the time between two samples, what counts as watched
+
+
+_WATCHED = np.dtype(
+    [
+        ("started", "i8"),
+        ("latest_us", "i8"),
+        ("alive_us", "i8"),  # time in which the sources were there
+        ("judged_us", "i8"),  # and of it, in which something could be judged
+        ("judged", "i8"),  # samples
+    ]
+)
+
+
+class Watched(NamedTuple):
+    """What a kernel is given to count what it judges."""
+
+    of: Records  # (1,) _WATCHED
+    residual: Waiting
+
+
+@helper
+def watch(watched, t_us, value, judged):  # type: ignore[no-untyped-def]  # typed by numba
+    """Count a sample whose sources are there, and its value if it could be judged."""
+    of = watched.of[0]
+    if not of.started:
+        of.started, of.latest_us = 1, t_us
+    stands_for = min(max(t_us - of.latest_us, 0), _LONGEST_US)
+    of.latest_us = max(of.latest_us, t_us)
+    of.alive_us += stands_for
+    if judged:
+        of.judged_us += stands_for
+        of.judged += 1
+        note(watched.residual, value)
+
+
+@kernel
+def watch_all(watched: Watched, t_us: Int64s, value: Floats, judged: Mask) -> None:
+    """Count samples (n,)."""
+    for i in range(t_us.size):
+        watch(watched, t_us[i], value[i], judged[i])
 
 
 class Break(NamedTuple):
@@ -80,15 +121,22 @@ class Check(ABC):
         """Start with nothing judged; who has alarms lists them in `alarm_specs`."""
         # The same objects for life. Of two at one time, a warning is not told beside an alarm.
         self.alarm_specs: tuple[AlarmSpec, ...] = ()
-        self.judged = 0
-        self.judged_us = 0
-        self.alive_us = 0
         self.residual = Quantiles()
-        self._watched_us = RunningMax()
+        self._watched = np.zeros(1, _WATCHED)
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
-        self._watched_us = RunningMax()
+        self._watched["started"] = 0
+
+    @property
+    def judged(self) -> int:
+        """Samples that could be judged."""
+        return int(self._watched["judged"][0])
+
+    @property
+    def judged_us(self) -> int:
+        """Time in which something could be judged."""
+        return int(self._watched["judged_us"][0])
 
     @abstractmethod
     def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
@@ -119,9 +167,9 @@ class Check(ABC):
 
     def numbers(self) -> Numbers:
         """The report's numbers, in the check's unit."""
-        residual = self.distribution(self.residual)
+        residual, alive_us = self.distribution(self.residual), int(self._watched["alive_us"][0])
         return {
-            "coverage": min(self.judged_us / self.alive_us, 1.0) if self.alive_us > 0 else None,
+            "coverage": min(self.judged_us / alive_us, 1.0) if alive_us > 0 else None,
             "pairs": self.judged,
             "same_instant": None,
             "residual": residual,
@@ -176,15 +224,14 @@ class Check(ABC):
             self._alarm_spec("alarm", "alarm", what, delays, id_part=self.name, asks_doctor=asks_doctor),
         )
 
+    def _watching(self, samples: int) -> Watched:
+        """What a kernel needs to count so many samples."""
+        return Watched(self._watched, self.residual.room(samples))
+
     def _watch(self, t_us: Int64s, value: Floats, judged: Mask) -> None:
         """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""
-        if not len(t_us):
-            return
-        stands_for = np.minimum(np.diff(self._watched_us.feed(t_us)), _LONGEST_US)
-        self.alive_us += int(stands_for.sum())
-        self.judged_us += int(stands_for[judged].sum())
-        self.judged += int(judged.sum())
-        self.residual.add(value[judged])
+        if len(t_us):
+            watch_all(self._watching(len(t_us)), t_us, value, judged)
 
 
 def rated(

@@ -133,9 +133,9 @@ class EulerQuaternion(Check):
         if not len(pairs):
             return
         self._last_interval_id = int(pairs.interval_id[-1])
-        self.judged += int(found.judged.sum())
+        self._watched["judged"] += found.judged.sum()
         self.same_instant += int((found.judged & pairs.same_instant).sum())
-        self.judged_us += int(pairs.duration_us[found.judged].sum())
+        self._watched["judged_us"] += pairs.duration_us[found.judged].sum()
         self.residual.add(found.angle[found.judged])
         self._follow_lag(pairs.w_nb_b_rad_s[found.judged], found.rotvec_body[found.judged])
         as_sent = pairs.q_euler_sent

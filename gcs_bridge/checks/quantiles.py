@@ -7,9 +7,13 @@ values in its bin, so within 0.1 % of a value that was seen. The largest value a
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from gcs_bridge.columns import Floats, Int64s
+from gcs_bridge.jit import helper
 
 _SMALLEST = 1e-12  # anything below counts as zero
 _LARGEST = 1e4
@@ -19,29 +23,81 @@ _BLOCK = 128  # bins, a factor of 1.14 between numbers, for which there is room 
 _BLOCKS = _BINS // _BLOCK + 1
 
 
+_FEW, _MANY = 64, 8192  # numbers that can wait to be counted, at first and at most
+
+
+class Waiting(NamedTuple):
+    """Where a kernel puts numbers down that are to be counted."""
+
+    value: Floats  # (room,)
+    waiting: Int64s  # (1,) how many of them are taken
+
+
+@helper
+def note(numbers, value):  # type: ignore[no-untyped-def]  # typed by numba
+    """Put one number down; there must be room."""
+    numbers.value[numbers.waiting[0]] = value
+    numbers.waiting[0] += 1
+
+
 class Quantiles:
     """Collects numbers of zero and above, up to 10,000 (in whatever unit); NaN is passed over."""
 
     def __init__(self) -> None:
         """Start empty."""
-        self.count = 0
-        self.max = math.nan
+        self._count = 0
+        self._max = math.nan
         self._bins: _Bins | None = None  # many a check never judges anything
+        self._waiting = Waiting(value=np.empty(0), waiting=np.zeros(1, np.int64))
+
+    def room(self, more: int) -> Waiting:
+        """Where a kernel may put down so many numbers more: they are counted some thousand at a time."""
+        taken = int(self._waiting.waiting[0])
+        if taken + more > len(self._waiting.value):
+            if taken + more > _MANY:
+                self._settle()
+                taken = 0
+            if more + taken > len(self._waiting.value):
+                value = np.empty(max(2 * (taken + more), _FEW))
+                value[:taken] = self._waiting.value[:taken]
+                self._waiting = self._waiting._replace(value=value)
+        return self._waiting
+
+    def _settle(self) -> None:
+        """Count what waits."""
+        taken = int(self._waiting.waiting[0])
+        if taken:
+            self._waiting.waiting[0] = 0
+            self.add(self._waiting.value[:taken])
+
+    @property
+    def count(self) -> int:
+        """How many numbers were taken."""
+        self._settle()
+        return self._count
+
+    @property
+    def max(self) -> float:
+        """The largest number; NaN while empty."""
+        self._settle()
+        return self._max
 
     def add(self, values: npt.NDArray[np.float64]) -> None:
         """Take the values, in their order: the sums do not depend on how a stream was cut."""
+        self._settle()
         values = values[~np.isnan(values)]
         if not values.size:
             return
         if self._bins is None:
             self._bins = _Bins()
-        self.count += values.size
-        self.max = float(np.fmax(self.max, values.max()))
+        self._count += values.size
+        self._max = float(np.fmax(self._max, values.max()))
         bins = np.ceil(np.log(np.maximum(values, _SMALLEST) / _SMALLEST) / _LOG_RATIO).astype(np.int64)
         self._bins.add(np.minimum(bins, _BINS), values)
 
     def quantile(self, share: float) -> float:
         """The value that `share` of the numbers do not exceed (nearest rank); NaN while empty."""
+        self._settle()
         if self._bins is None:
             return math.nan
         return min(self._bins.mean_at(max(math.ceil(share * self.count), 1)), self.max)
