@@ -224,23 +224,15 @@ class VehicleJudge:
         corrected = self._expected.correct(sent, quaternion)
         euler = sent if corrected.q_nb is sent.q_nb else replace(sent, q_nb=corrected.q_nb)
         self._trims.follow(corrected)
-        paired = np.flatnonzero(segment.valid_attitude)
-        valid = (euler[euler.valid], quaternion[quaternion.valid])
-        by_stream = np.argsort(segment.message[paired], kind="stable")
-        order = np.argsort(by_stream, kind="stable")  # the inverse: from one stream behind the other to arrival
-        as_sent = None if euler is sent else sent.q_nb[sent.valid]
-        aligned = boot.aligner.pair(*valid, order, as_sent)
-
-        periods = np.full((2, len(segment.message)), -1)
-        periods[0, paired], periods[1, paired] = aligned.period_us, aligned.rx_period_us
-        self._count(segment, periods[0])
+        aligned = boot.aligner.pair(euler, quaternion, segment.message, None if euler is sent else sent.q_nb)
+        self._count(segment, aligned.period_us)
         line = Timeline(
             frame_index=segment.frame_index,
             stream=np.minimum(segment.message, OTHER),
             t_boot_us=segment.t_boot_us,
             t_rx_us=link.latest_rx_us[segment.frame_index - link.frame_index[0]],
-            period_us=periods[0],
-            rx_period_us=periods[1],
+            period_us=aligned.period_us,
+            rx_period_us=aligned.rx_period_us,
             lost=segment.lost,
             received=segment.received,
         )
