@@ -109,16 +109,8 @@ class References:
         self._waiting = self._waiting.with_room(asked)
         seen = _seen_rows(self._waiting.n + asked)
         counts = np.zeros(4, np.int64)
-        choose_reference(
-            stream,
-            _attitudes(euler),
-            _attitudes(quaternion),
-            self._reference,
-            track.frame_index,
-            track.t_us,
-            track.rows,
-            counts,
-        )
+        of_track = track.frame_index, track.t_us, track.rows
+        choose_reference(stream, _attitudes(euler), _attitudes(quaternion), self._reference, *of_track, counts)
         chosen = int(counts[2])
         if chosen < n:
             track = track[:chosen]
