@@ -26,7 +26,7 @@ from gcs_bridge.expected.pairs import (
     EulerRows,
     QuaternionRows,
 )
-from gcs_bridge.jit import helper, kernel
+from gcs_bridge.jit import Fields, helper, kernel
 
 
 class Expectation(NamedTuple):
@@ -239,12 +239,17 @@ def _take_pair(expected, tails, learnt, frame_index, t_us, rpy, r, q, i):  # typ
 
 @kernel
 def pass_quietly(
-    euler: Samples, quaternion: Samples, expected: Expectation, tails: Tails, learnt: Learnt, passed: Int64s
-) -> None:
+    euler_fields: Fields, quaternion_fields: Fields, expectation: Fields, tail_fields: Fields, learnt_fields: Fields,
+    passed: Int64s,
+) -> None:  # fmt: skip
     """Take samples of both streams, in order of arrival, up to the first that completes a pair which is news.
 
     `passed` (2,): from which sample of each stream on, and then up to which they were taken.
     """
+    euler, quaternion, expected = Samples(*euler_fields), Samples(*quaternion_fields), Expectation(*expectation)
+    of_euler, of_quaternion, recent, sparse = tail_fields
+    tails = Tails(Rows(*of_euler), Rows(*of_quaternion), Rows(*recent), Rows(*sparse))
+    learnt = Learnt(*learnt_fields)
     e, q = passed[0], passed[1]
     while e < euler.t_us.size or q < quaternion.t_us.size:
         if q == quaternion.t_us.size or (e < euler.t_us.size and euler.frame_index[e] <= quaternion.frame_index[q]):

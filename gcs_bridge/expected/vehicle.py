@@ -220,7 +220,9 @@ class Expected:
             fill_tails(self._tails, self._euler, self._quaternion, forward.recent, forward.sparse)
             self._tails_hold = True
         passed, learnt = np.array(done), forward.to_learn()
-        pass_quietly(_euler_of(euler), _quaternion_of(quaternion), expectation, self._tails, learnt, passed)
+        tails = tuple(map(tuple, self._tails))
+        samples = tuple(_euler_of(euler)), tuple(_quaternion_of(quaternion))
+        pass_quietly(*samples, tuple(expectation), tails, tuple(learnt), passed)
         forward.learnt(learnt)
         upto = int(passed[0]), int(passed[1])
         frame_indices = [

@@ -15,7 +15,7 @@ from gcs_bridge.attitude.compiled import put, unit_at, vector_of
 from gcs_bridge.attitude.kinematics import interpolated
 from gcs_bridge.attitude.quaternion import between
 from gcs_bridge.columns import Floats, Int64s, Mask
-from gcs_bridge.jit import helper, kernel
+from gcs_bridge.jit import Fields, helper, kernel
 
 ATTITUDE_WIDTH = 7  # of a row of the series: q_nb (4), w_b (3)
 QUERY_WIDTH = 15  # of a question: force, rates, field, trim; whether it may rest, whether it stands; receive time
@@ -192,13 +192,14 @@ def _rates_at(rows, at):  # type: ignore[no-untyped-def]  # typed by numba
 
 @kernel
 def choose_reference(
-    stream: Int64s, euler: Attitudes, quaternion: Attitudes, heard_us: Int64s,
+    stream: Int64s, euler_fields: Fields, quaternion_fields: Fields, heard_us: Int64s,
     frame_index: Int64s, t_us: Int64s, rows: Floats, counts: Int64s,
 ) -> None:  # fmt: skip
     """Put the valid quaternions down in order of arrival, and the valid Euler angles while no quaternion comes.
 
     `counts` (3,): samples passed of both streams, and those put down. `heard_us` (1,): the latest quaternion.
     """
+    euler, quaternion = Attitudes(*euler_fields), Attitudes(*quaternion_fields)
     for k in stream:
         if k > 1:
             continue
@@ -225,21 +226,24 @@ def _put_down(samples, i, frame_index, t_us, rows, counts):  # type: ignore[no-u
 
 
 @kernel
-def hear_all(frame_index: Int64s, t_us: Int64s, rows: Floats, series: Series) -> None:
+def hear_all(frame_index: Int64s, t_us: Int64s, rows: Floats, series_fields: Fields) -> None:
     """Take attitudes (n,) about which nothing is asked."""
+    series = Series(*series_fields)
     for i in range(t_us.size):
         hear(series, frame_index[i], t_us[i], rows, i)
 
 
 @kernel
 def see_kernel(
-    frame_index: Int64s, t_us: Int64s, rows: Floats, imu: Inertial, max_gap_us: int,
-    series: Series, waiting: Waiting, seen: SeenRows, counts: Int64s,
+    frame_index: Int64s, t_us: Int64s, rows: Floats, imu_fields: Fields, max_gap_us: int,
+    series_fields: Fields, waiting_fields: Fields, seen_fields: Fields, counts: Int64s,
 ) -> None:  # fmt: skip
     """Take attitudes (n,) and inertial samples in order of arrival; put down samples as their attitude gets known.
 
     `counts[3]` is how many; those that are not later than one before them are left out.
     """
+    imu, series = Inertial(*imu_fields), Series(*series_fields)
+    waiting, seen = Waiting(*waiting_fields), SeenRows(*seen_fields)
     asked = 0
     for i in range(t_us.size + 1):
         at_end = i == t_us.size
