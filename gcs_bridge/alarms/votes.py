@@ -15,7 +15,7 @@ from gcs_bridge.alarms.rated import Rated, Worst
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import CLEARING, PENDING, QUIET, TRANSITIONS, Change, Signal, State
 from gcs_bridge.columns import Floats, Int64s, Records
-from gcs_bridge.jit import helper, kernel
+from gcs_bridge.jit import Fields, helper, kernel
 
 _STATES, _SIGNALS = tuple(State), tuple(Signal)
 NEXT = np.array([[_STATES.index(TRANSITIONS.get((one, by), one)) for by in _SIGNALS] for one in _STATES])
@@ -215,8 +215,9 @@ def _pass_signals(votes, a, frame_index):  # type: ignore[no-untyped-def]  # typ
 
 
 @kernel
-def pass_signals(votes: Votes) -> None:
+def pass_signals(fields: Fields) -> None:
     """Take all signals that no sample followed."""
+    votes = Votes(*fields)
     for a in range(votes.alarm.size):
         if votes.alarm[a].signal < votes.alarm[a].signals:
             _pass_signals(votes, a, np.iinfo(np.int64).max)
@@ -224,9 +225,10 @@ def pass_signals(votes: Votes) -> None:
 
 @kernel
 def vote_all(
-    votes: Votes, a: int, frame_index: Int64s, t_us: Int64s, value: Floats, limit: Floats, detail: Floats
+    fields: Fields, a: int, frame_index: Int64s, t_us: Int64s, value: Floats, limit: Floats, detail: Floats
 ) -> None:
     """Give the alarm `a` samples (n,) with their details (n, 5)."""
+    votes = Votes(*fields)
     for i in range(value.size):
         vote(
             votes,
@@ -316,7 +318,7 @@ class Ballot:
         if len(rated):
             frame_index, t_us, value, limit = rated.frame_index, rated.t_boot_us, rated.value, rated.limit
             vote_all(
-                self.votes(len(rated)),
+                tuple(self.votes(len(rated))),
                 self.place_of(spec),
                 frame_index,
                 t_us,
@@ -328,7 +330,7 @@ class Ballot:
     def changes(self) -> list[AlarmChange]:
         """What has changed since this was asked last, signals included that no sample followed."""
         if self._signals:
-            pass_signals(self.votes(0))
+            pass_signals(tuple(self.votes(0)))
             self._signals.clear()
             self._votes.alarm["signal"] = self._votes.alarm["signals"] = 0
             self._votes = self._votes._replace(signal=_NO_SIGNALS)

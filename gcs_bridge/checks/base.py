@@ -7,6 +7,7 @@ from typing import ClassVar, Literal, NamedTuple, TypedDict
 
 import numpy as np
 
+import gcs_bridge.attitude.compiled  # noqa: F401  checks' kernels call the attitude package
 from gcs_bridge import attitude
 from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.record import scale_of
@@ -14,12 +15,15 @@ from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import Signal
 from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.checks.quantiles import Quantiles, Waiting, note
+from gcs_bridge.checks.quantiles import Quantiles, note
 from gcs_bridge.columns import Floats, Int64s, Mask, Records
 from gcs_bridge.contract import Distribution, Severity, known
-from gcs_bridge.jit import helper, kernel
+from gcs_bridge.jit import Fields, helper, kernel
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.telemetry.samples import finite
+
+NO_DETAIL = (np.nan, np.nan, np.nan, np.nan, np.nan)
+"""Of a value that has no direction."""
 
 _UNKNOWN_SAMPLES = 200
 _LONGEST_US = 2_000_000  # of the time between two samples, what counts as watched
@@ -40,7 +44,8 @@ class Watched(NamedTuple):
     """What a kernel is given to count what it judges."""
 
     of: Records  # (1,) _WATCHED
-    residual: Waiting
+    value: Floats  # what is to be counted, see Waiting
+    waiting: Int64s
 
 
 @helper
@@ -55,14 +60,24 @@ def watch(watched, t_us, value, judged):  # type: ignore[no-untyped-def]  # type
     if judged:
         of.judged_us += stands_for
         of.judged += 1
-        note(watched.residual, value)
+        note(watched, value)
 
 
 @kernel
-def watch_all(watched: Watched, t_us: Int64s, value: Floats, judged: Mask) -> None:
+def watch_all(fields: Fields, t_us: Int64s, value: Floats, judged: Mask) -> None:
     """Count samples (n,)."""
+    watched = Watched(*fields)
     for i in range(t_us.size):
         watch(watched, t_us[i], value[i], judged[i])
+
+
+@helper
+def is_known(numbers):  # type: ignore[no-untyped-def]  # typed by numba
+    """As `finite`: whether a sample holds numbers only."""
+    for number in numbers:
+        if not np.isfinite(number):
+            return False
+    return True
 
 
 class Break(NamedTuple):
@@ -224,14 +239,18 @@ class Check(ABC):
             self._alarm_spec("alarm", "alarm", what, delays, id_part=self.name, asks_doctor=asks_doctor),
         )
 
+    def _places(self, ballot: Ballot) -> tuple[int, ...]:
+        """Where its alarms are, in the order of its specs."""
+        return tuple(map(ballot.place_of, self.alarm_specs))
+
     def _watching(self, samples: int) -> Watched:
         """What a kernel needs to count so many samples."""
-        return Watched(self._watched, self.residual.room(samples))
+        return Watched(self._watched, *self.residual.room(samples))
 
     def _watch(self, t_us: Int64s, value: Floats, judged: Mask) -> None:
         """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""
         if len(t_us):
-            watch_all(self._watching(len(t_us)), t_us, value, judged)
+            watch_all(tuple(self._watching(len(t_us))), t_us, value, judged)
 
 
 def rated(

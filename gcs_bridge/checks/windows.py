@@ -6,13 +6,13 @@ Times and numbers: what they are of is not known here.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from gcs_bridge.checks.base import length
 from gcs_bridge.columns import Floats, Int64s, Mask
-from gcs_bridge.jit import helper, kernel
+from gcs_bridge.jit import Fields, helper, kernel
 
 _LATELY = 4  # gaps before this one
 _TOLD_RAD = math.radians(20.0)
@@ -25,10 +25,7 @@ _WINDOW_US, _FIRST, _END = range(3)
 
 
 class Sliding(NamedTuple):
-    """What a kernel is given of sums over the last seconds; it gets the fields as they stand, and puts them together.
-
-    A named tuple as a kernel's argument costs some µs, a plain one next to nothing.
-    """
+    """What a kernel is given of sums over the last seconds."""
 
     of: Int64s  # (3,) how long the window is, µs; the samples from `first` up to `end` are in it
     t_us: Int64s  # (room,) of each sample
@@ -136,7 +133,7 @@ class SlidingSums:
 
 
 @kernel
-def slide(fields: tuple[Any, ...], t_us: Int64s, rows: Floats, sums: Floats, count: Int64s, since_us: Int64s) -> None:
+def slide(fields: Fields, t_us: Int64s, rows: Floats, sums: Floats, count: Int64s, since_us: Int64s) -> None:
     """Fill the sums of `rows` (n, k)."""
     sliding = Sliding(*fields)
     for i in range(t_us.size):

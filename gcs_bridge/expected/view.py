@@ -12,10 +12,13 @@ from gcs_bridge.columns import Int64s, Mask
 from gcs_bridge.expected.correction import AHRS_TRIM, NOTHING, PITCH_TRIM, VTOL_VIEW, Correction
 from gcs_bridge.expected.knowledge import FirmwareConfig
 from gcs_bridge.expected.pairs import (
+    BANK_RAD,
     IN_A_ROW,
     NO_CLEAN_PAIRS,
     NOISE_RAD,
+    RECENT,
     SECOND_ORDER,
+    SPARSE_US,
     TOLD_APART,
     TRIM_PAIRS,
     CleanPairs,
@@ -27,11 +30,9 @@ from gcs_bridge.expected.pairs import (
     run_lengths,
     turn_about,
 )
+from gcs_bridge.expected.quiet import Expectation, Learnt
 
 _MOST_PITCH_RAD = math.radians(15.0)  # a larger one is not fitted
-_BANK_RAD = math.radians(5.0)  # what shows less than the noise here shows nowhere
-_RECENT = 32  # pairs kept for fitting,
-_SPARSE_US = 1_000_000  # and one pair a second, as many, for what changes slowly
 _FIT_FIRST = (3, 4, 6, 8)  # denials after which two numbers are fitted,
 _FIT_EVERY_US = 250_000  # and vehicle time between later attempts
 _Y_AXIS = np.array([[0.0, 1.0, 0.0]])  # of the body: to the right
@@ -61,25 +62,25 @@ class View:
         self._noise_rad = noise_rad
         self._pitch_moves_rad = 2.0 * TOLD_APART * noise_rad  # so much, and the fit is no wrong sign
         self._comes_and_goes = comes_and_goes
-        self._pitch_range = (math.inf, -math.inf)
+        self._pitch_range: tuple[float, float] = (math.inf, -math.inf)
         self._confirmed = False  # some pairs agreed with the correction
         self._expected: tuple[Correction, ...] = (NOTHING,)  # what was told, and what may hold instead of it
         self._open = 0  # causes that may be fitted
-        self._recent = self._sparse = NO_CLEAN_PAIRS  # the latest pairs, and one a second
+        self.recent = self.sparse = NO_CLEAN_PAIRS  # the latest pairs, and one a second
         self._denials = self._agreements = 0  # pairs in a row, up to the last one kept
         self._scanned = (np.empty(0, np.int64), np.empty(0, np.int64))  # the same up to each pair scanned
 
     def start_boot(self) -> None:
         """Pairs of the boot before say nothing any more; the correction still holds, as parameters do."""
-        self._recent = self._sparse = NO_CLEAN_PAIRS
+        self.recent = self.sparse = NO_CLEAN_PAIRS
         self._denials = self._agreements = 0
 
     def take_over(self, other: View) -> None:
         """The latest pairs, which were taken for the other view's, may have been this one's."""
-        self._recent = other._recent
+        self.recent = other.recent
         self._denials = self._agreements = 0
-        if len(other._recent):
-            self._denials = int(run_lengths(self._denied(other._recent), 0)[-1])
+        if len(other.recent):
+            self._denials = int(run_lengths(self._denied(other.recent), 0)[-1])
 
     @property
     def untold(self) -> int:
@@ -115,7 +116,7 @@ class View:
         hot = denials >= IN_A_ROW
         if not hot.any():
             return min(steps, key=lambda step: step.at, default=None)
-        seen, n = self._recent.then(pairs), len(hot)
+        seen, n = self.recent.then(pairs), len(hot)
 
         def first(where: Mask) -> int | None:
             where = where[-n:] & hot
@@ -163,15 +164,44 @@ class View:
         self._denials, self._agreements = int(denials[-1]), int(agreements[-1])
         self._confirmed |= bool((agreements >= IN_A_ROW).any())
         self._test(pairs[denials == 0])
-        seen = self._recent.then(pairs)
-        self._sparse = self._sparse.then(seen[self._one_a_second(seen)])[-_RECENT:]
-        self._recent = seen[-_RECENT:]
+        seen = self.recent.then(pairs)
+        self.sparse = self.sparse.then(seen[self._one_a_second(seen)])[-RECENT:]
+        self.recent = seen[-RECENT:]
         if step is None or step.correction == self.correction:
             return NOTHING
         dropped = NOTHING if self._confirmed or self.fitted else self.correction
         self._hold(step)
-        self._test(self._recent[-IN_A_ROW:])
+        self._test(self.recent[-IN_A_ROW:])
         return dropped
+
+    def expectation(self) -> Expectation | None:
+        """What the pairs must show to be no news; None: each of them may be."""
+        if (self.fitted and not self.proven) or self._denials:
+            return None
+        return Expectation(
+            *self.correction,
+            limit_rad=TOLD_APART * self._noise_rad,
+            settled=self.settled,
+            wants_bank=bool(self._open & AHRS_TRIM) and not self._banked,
+            fitted=self.fitted != 0,
+        )
+
+    def to_learn(self) -> Learnt:
+        """Where a kernel may put down what pairs teach that are no news; to be given back to `learnt`."""
+        return Learnt(
+            agreements=np.array([self._agreements]),
+            is_banked=np.array([self._banked]),
+            like=np.array([self.like_mount, self.like_sign]),
+            pitch_range=np.array(self._pitch_range),
+        )
+
+    def learnt(self, by: Learnt) -> None:
+        """Take what pairs have taught that were no news."""
+        self._agreements = int(by.agreements[0])
+        self._confirmed |= self._agreements >= IN_A_ROW
+        self._banked = bool(by.is_banked[0])
+        self.like_mount, self.like_sign = by.like.tolist()
+        self._pitch_range = tuple(by.pitch_range.tolist())
 
     def alternatives(self) -> list[str]:
         """What else the pairs may be, instead of what was fitted to them."""
@@ -230,16 +260,16 @@ class View:
 
     def _one_a_second(self, seen: CleanPairs) -> Int64s:
         """Places in `seen` of the first pair of each second, where it is new."""
-        before = len(self._recent)
-        return np.flatnonzero(np.diff(seen.t_us // _SPARSE_US, prepend=-1)[before:]) + before
+        before = len(self.recent)
+        return np.flatnonzero(np.diff(seen.t_us // SPARSE_US, prepend=-1)[before:]) + before
 
     def _trims(self, seen: CleanPairs, denials: Int64s, end: int) -> list[CorrectionChange]:
         """Fit AHRS_TRIM to the latest pairs; the first fit before pair `end`, if any.
 
         While it fails it is tried a few times a second: the difference grows with the bank, slower than that.
         """
-        before, old = len(seen) - len(denials), len(self._sparse)
-        both, pitch_rad = self._sparse.then(seen), self._expected[0].pitch_rad
+        before, old = len(seen) - len(denials), len(self.sparse)
+        both, pitch_rad = self.sparse.then(seen), self._expected[0].pitch_rad
         rotvec = both.apart(Correction(pitch_rad))
         begins = np.concatenate((np.arange(old), old + self._one_a_second(seen)))
         due = np.isin(denials, _FIT_FIRST) | (np.diff(seen.t_us // _FIT_EVERY_US, prepend=0)[before:] != 0)
@@ -247,9 +277,9 @@ class View:
         due &= (denials >= IN_A_ROW) & (about_x <= SECOND_ORDER * size + NOISE_RAD)
         for at in np.flatnonzero(due[:end]).tolist():
             to = old + before + at + 1
-            lengths = (_RECENT, _RECENT // 2, TRIM_PAIRS) if denials[at] < _RECENT else (_RECENT,)
+            lengths = (RECENT, RECENT // 2, TRIM_PAIRS) if denials[at] < RECENT else (RECENT,)
             windows = [np.arange(max(to - length, old), to) for length in lengths]
-            for window in (np.concatenate((begins[begins < to][-_RECENT:], windows[0])), *windows):
+            for window in (np.concatenate((begins[begins < to][-RECENT:], windows[0])), *windows):
                 fitted = fit_trims(both[window], rotvec[window], pitch_rad)
                 if fitted is not None:
                     return [CorrectionChange(at, fitted, AHRS_TRIM)]
@@ -258,4 +288,4 @@ class View:
 
 def _banking(pairs: CleanPairs, agreements: Int64s) -> Mask:
     """Pairs (n,) in which an AHRS_TRIM that was not undone would have shown."""
-    return np.asarray((agreements >= IN_A_ROW) & (np.abs(pairs.rpy_rad[:, 0]) > _BANK_RAD))
+    return np.asarray((agreements >= IN_A_ROW) & (np.abs(pairs.rpy_rad[:, 0]) > BANK_RAD))

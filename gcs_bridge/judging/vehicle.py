@@ -241,7 +241,7 @@ class VehicleJudge:
         yield from notices
 
         imu = self._imu_of(boot, batch)
-        attitudes = boot.attitude.take(euler, quaternion)
+        attitudes, imu_with_attitude = boot.references.take(segment.message, euler, quaternion, imu)
         flight = CheckBatch(
             euler=euler,
             quaternion=quaternion,
@@ -249,7 +249,7 @@ class VehicleJudge:
             steps=aligned.steps,
             attitude=attitudes,
             imu=imu,
-            imu_with_attitude=boot.imu_lookup.feed(attitudes, imu),
+            imu_with_attitude=imu_with_attitude,
             secondary=_of_boot(batch.secondary, boot),
             fixed_wing=self._fixed_wing,
             ardupilot=self._ardupilot,

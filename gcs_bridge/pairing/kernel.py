@@ -15,7 +15,7 @@ from gcs_bridge.attitude.compiled import put, unit_at, vector_of
 from gcs_bridge.attitude.kinematics import interpolated
 from gcs_bridge.attitude.quaternion import angle_of, conjugated, length, product
 from gcs_bridge.columns import Floats, Int64s, Mask
-from gcs_bridge.jit import helper, kernel, share
+from gcs_bridge.jit import Fields, helper, kernel, share
 from gcs_bridge.pairing.bounds import (
     KIN_PER_CHANGE,
     KIN_PER_TURN,
@@ -425,14 +425,16 @@ def _pair_waiting(state, k, limits, pairs, n):  # type: ignore[no-untyped-def]  
 
 @kernel
 def pair_kernel(
-    stream: Int64s, euler: Came, quaternion: Came, limits: Limits, state: PairState, pairs: PairRows, steps: StepRows,
-    periods: Int64s, counts: Int64s,
+    stream: Int64s, euler_fields: Fields, quaternion_fields: Fields, limit_fields: Fields, state_fields: Fields,
+    pair_fields: Fields, step_fields: Fields, periods: Int64s, counts: Int64s,
 ) -> None:  # fmt: skip
     """Take messages (n,) in order of arrival: of `stream` 0 and 1 the next sample of each, others are passed over.
 
     Fills pairs and steps, and with each valid sample its stream's `periods` (2, n); `counts` (5,) is how many steps of
     both streams, pairs, and samples of both streams. There must be room in `state` for as many samples of each stream.
     """
+    euler, quaternion, limits = Came(*euler_fields), Came(*quaternion_fields), Limits(*limit_fields)
+    state, pairs, steps = PairState(*state_fields), PairRows(*pair_fields), StepRows(*step_fields)
     for slot in range(counts.size):
         counts[slot] = 0
     n, last = 0, state.time.shape[1] - 1
