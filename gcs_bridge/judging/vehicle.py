@@ -274,8 +274,7 @@ class VehicleJudge:
                 corrected=corrected,
                 quaternion=quaternion,
                 pairs=aligned.pairs,
-                angle_rad=found.angle,
-                bad=found.judged & (found.angle > found.limit),
+                disagreement=found,
             )
         )
         told_of = [*self.alarm_manager.tell(link, lambda moment: self._ask(boot, moment, link))]
