@@ -72,12 +72,18 @@ def watch_all(fields: Fields, t_us: Int64s, value: Floats, judged: Mask) -> None
 
 
 @helper
+def row_at(v, row):  # type: ignore[no-untyped-def]  # typed by numba
+    """Row `row` of v (n, 3), as it is."""
+    return v[row, 0], v[row, 1], v[row, 2]
+
+
+@helper
 def is_known(numbers):  # type: ignore[no-untyped-def]  # typed by numba
     """As `finite`: whether a sample holds numbers only."""
+    known = True
     for number in numbers:
-        if not np.isfinite(number):
-            return False
-    return True
+        known &= np.isfinite(number)
+    return known
 
 
 class Break(NamedTuple):
