@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.alarms.manager import AlarmManager
-from gcs_bridge.chunks import Chunk, Framing
+from gcs_bridge.chunks import Chunk, Chunks, Framing
 from gcs_bridge.columns import Int64s
 from gcs_bridge.contract import readable
 from gcs_bridge.events import Event, Notice, Rank, VehicleLost, VehicleSeen, head, in_order
@@ -17,7 +17,7 @@ from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.snapshot import LinkNow, VehicleNow
 from gcs_bridge.judging.vehicle import VehicleJudge
 from gcs_bridge.mavlink.dialect import Dialect
-from gcs_bridge.mavlink.scan import FRAME, Bytes, Frames
+from gcs_bridge.mavlink.scan import Bytes, Frames
 from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
 from gcs_bridge.report import schema
 from gcs_bridge.report.verdicts import worst_verdict
@@ -29,7 +29,6 @@ from gcs_bridge.telemetry.link_clock import LinkClock, latest_rx
 from gcs_bridge.telemetry.vehicle_presence import Presence
 
 Datagram = tuple[bytes, int]  # with its receive time, µs since 1970
-_FRAME_BYTES = np.dtype((np.void, FRAME.itemsize))
 FrameObserver = Callable[[int | str, Sequence[RawFrame]], None]
 
 
@@ -123,26 +122,13 @@ class Link:
         """From the first receive time to the last, µs."""
         return 0 if self._start_us is None else self._latest_rx_us - self._start_us
 
-    def take(self, chunks: Sequence[Chunk], *, final: bool = False) -> list[Event]:
-        """Scan chunk after chunk, and judge what they hold as one batch; the link's own framing holds, not theirs."""
+    def take(self, chunks: Chunks, *, final: bool = False) -> list[Event]:
+        """Scan the chunks and judge what they hold as one batch; the link's own framing holds, not theirs."""
         scanner = self._scanner
-        found: list[Frames] = []
-        buffers: list[Bytes] = []
-        for data, t_rx_us, _ in chunks:
-            frames = scanner.scan(data, t_rx_us=t_rx_us, final=final or self._datagrams)
-            if self.on_frames is not None and len(scanner.all_frames):
-                self.on_frames(scanner.raw_frames())
-            found.append(frames)
-            buffers.append(scanner.buffer)
-        if not any(map(len, found)):
-            return []
-        if len(found) == 1:
-            return events_of(self._judge(found[0], buffers[0]))
-        # As plain bytes: numpy takes long to join structured arrays.
-        frames = np.concatenate([frames.view(_FRAME_BYTES) for frames in found]).view(FRAME)
-        starts = np.cumsum([0, *map(len, buffers[:-1])])
-        frames["payload"] += np.repeat(starts, [len(frames) for frames in found])  # in all buffers together
-        return events_of(self._judge(frames, np.concatenate(buffers)))
+        frames = scanner.scan_chunks(chunks.data, chunks.ends, chunks.t_rx_us, whole=self._datagrams, final=final)
+        if self.on_frames is not None and len(scanner.all_frames):
+            self.on_frames(scanner.raw_frames())
+        return events_of(self._judge(frames, scanner.buffer)) if len(frames) else []
 
     def open(self, *, datagrams: bool) -> None:
         """It is there again, and goes on counting where it left off."""
@@ -184,7 +170,7 @@ class Link:
         """Nothing follows."""
         if self._datagrams:
             return []
-        return self.take([Chunk(b"", self._latest_rx_us, Framing.STREAM)], final=True)
+        return self.take(Chunks.of([Chunk(b"", self._latest_rx_us, Framing.STREAM)]), final=True)
 
     def entry(self, name: str) -> schema.File:
         """The link's entry in the report."""

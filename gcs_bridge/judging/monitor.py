@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 from gcs_bridge.alarms.manager import AlarmManager
-from gcs_bridge.chunks import Chunk, Framing
+from gcs_bridge.chunks import Chunk, Chunks, Framing
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event, Notice
 from gcs_bridge.judging.link import Datagram, FrameObserver, Judged, Link, events_of
@@ -79,15 +79,17 @@ class Monitor:
             raise ValueError(f"link {link} is not open")
         return found.close(t_rx_us)
 
-    def take(self, chunks: Sequence[Chunk], link: int = 0) -> list[Event]:
+    def take(self, chunks: Chunks | Sequence[Chunk], link: int = 0) -> list[Event]:
         """Take chunks of a link, or of a recording whatever `link` is, as one batch: as one by one, at less cost.
 
         A link that was closed is open again, as what it was before.
         """
-        if not chunks:
+        if not len(chunks):
             return []
-        name = _RECORDING if chunks[0].framing is Framing.RECORDS else link
-        found = self._links.get(name) or self._new_link(name, chunks[0].framing)
+        if not isinstance(chunks, Chunks):
+            chunks = Chunks.of(chunks)
+        name = _RECORDING if chunks.framing is Framing.RECORDS else link
+        found = self._links.get(name) or self._new_link(name, chunks.framing)
         found.is_open = True
         return found.take(chunks)
 

@@ -283,25 +283,25 @@ def _admit(frame, components, counts, buf, time):  # type: ignore[no-untyped-def
     frame.lost = lost[mine]
 
 
-@kernel
-def scan_kernel(
-    buf: Bytes,
-    base: int,
-    final: bool,
-    timed: bool,
-    t_rx_us: int,
-    row_of_id: npt.NDArray[np.int16],
-    crc_extra: npt.NDArray[np.uint8],
-    field_end: npt.NDArray[np.uint8],
-    counts: npt.NDArray[np.int64],
-    components: Components,
-    frames: Frames,
-    gaps: npt.NDArray[np.int64],
-) -> tuple[int, int]:
-    """Scan `buf`, whose first byte has the offset `base`; return (frames, gaps) found, by the module's rules."""
-    n = buf.size
-    n_frames = 0
-    n_gaps = 0
+@helper
+def _scan_chunk(  # type: ignore[no-untyped-def]  # typed by numba
+    buf,
+    base,
+    n,
+    final,
+    timed,
+    t_rx_us,
+    row_of_id,
+    crc_extra,
+    field_end,
+    counts,
+    components,
+    frames,
+    n_frames,
+    gaps,
+    n_gaps,
+):
+    """Scan on to the chunk's end `n`; the frames and gaps found so far, with those of before."""
     at = counts[_CURSOR] - base  # a due record's or frame's first byte; in a gap, where a frame may start
     while True:
         gap_start = counts[_GAP_START]
@@ -314,7 +314,7 @@ def scan_kernel(
         if what == _MORE and not final:
             break
         end = start + whole
-        time = np.int64(t_rx_us)
+        time = t_rx_us
         if timed:
             time = _time(buf, start - 8) if not in_gap or start - 8 >= gap_start - base else np.int64(_NO_TIME)
         taken = what == _GOOD
@@ -409,4 +409,49 @@ def scan_kernel(
         counts[_GAP_START] = -1
         at = n
     counts[_CURSOR] = base + at
+    return n_frames, n_gaps
+
+
+@kernel
+def scan_kernel(
+    buf: Bytes,
+    base: int,
+    ends: npt.NDArray[np.int64],
+    t_rx_us: npt.NDArray[np.int64],
+    whole: bool,
+    final: bool,
+    timed: bool,
+    row_of_id: npt.NDArray[np.int16],
+    crc_extra: npt.NDArray[np.uint8],
+    field_end: npt.NDArray[np.uint8],
+    counts: npt.NDArray[np.int64],
+    components: Components,
+    frames: Frames,
+    gaps: npt.NDArray[np.int64],
+) -> tuple[int, int]:
+    """Scan `buf`, whose first byte has the offset `base`; return (frames, gaps) found, by the module's rules.
+
+    It holds chunks up to their `ends`, received at `t_rx_us`. `whole`: nothing goes on behind any of them; `final`:
+    behind the last.
+    """
+    n_frames = 0
+    n_gaps = 0
+    for chunk in range(ends.size):
+        n_frames, n_gaps = _scan_chunk(
+            buf,
+            base,
+            ends[chunk],
+            whole or (final and chunk == ends.size - 1),
+            timed,
+            t_rx_us[chunk],
+            row_of_id,
+            crc_extra,
+            field_end,
+            counts,
+            components,
+            frames,
+            n_frames,
+            gaps,
+            n_gaps,
+        )
     return n_frames, n_gaps
