@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_bridge.alarms.manager import AlarmManager
-from gcs_bridge.chunks import Chunk, Framing
+from gcs_bridge.chunks import Chunk, Chunks, Framing
 from gcs_bridge.columns import Int64s
 from gcs_bridge.contract import readable
 from gcs_bridge.events import Event, Notice, Rank, VehicleLost, VehicleSeen, head, in_order
@@ -17,7 +17,7 @@ from gcs_bridge.judging.snapshot import LinkNow, VehicleNow
 from gcs_bridge.judging.vehicle import VehicleJudge
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
-from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
+from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanned, Scanner
 from gcs_bridge.report import schema
 from gcs_bridge.report.verdicts import worst_verdict
 from gcs_bridge.settings import Settings
@@ -146,19 +146,22 @@ class Link:
         start_us = self._sorter.start_us
         return 0 if start_us is None else self._sorter.latest_rx_us - start_us
 
-    def take(self, chunks: Sequence[Chunk], *, final: bool = False) -> list[Event]:
-        """Scan chunk after chunk, and judge what they hold as one batch; the link's own framing holds, not theirs."""
-        if not chunks:
-            return []
-        data, t_rx_us, _ = zip(*chunks, strict=True)
-        frames = self._scanner.scan_pieces(data, t_rx_us, final=final or self._datagrams)
-        if self.on_frames is not None and len(self._scanner.all_frames):
-            self.on_frames(self._scanner.raw_frames())
-        return self.judge(self._scanner.buffer, frames)
+    def take(self, chunks: Chunks, *, final: bool = False) -> list[Event]:
+        """Scan the chunks and judge what they hold as one batch; the link's own framing holds, not theirs."""
+        return self.judge(self.scan(chunks, final=final))
 
-    def judge(self, buffer: Bytes, frames: Frames) -> list[Event]:
-        """Judge frames that were scanned in `buffer`, as one batch."""
-        return events_of(self._judge(buffer, frames)) if len(frames) else []
+    def scan(self, chunks: Chunks, *, final: bool = False) -> Scanned:
+        """The frames that the chunks complete; another thread may call this while frames are judged."""
+        scanner = self._scanner
+        frames = scanner.scan_chunks(chunks.data, chunks.ends, chunks.t_rx_us, whole=self._datagrams, final=final)
+        raw = scanner.raw_frames() if self.on_frames is not None and len(scanner.all_frames) else ()
+        return Scanned(scanner.buffer, frames, scanner.read, raw)
+
+    def judge(self, scanned: Scanned) -> list[Event]:
+        """Judge frames as one batch."""
+        if scanned.raw and self.on_frames is not None:
+            self.on_frames(scanned.raw)
+        return events_of(self._judge(scanned.buffer, scanned.frames)) if len(scanned.frames) else []
 
     def open(self, *, datagrams: bool) -> None:
         """It is there again, and goes on counting where it left off."""
@@ -198,7 +201,7 @@ class Link:
         """Nothing follows."""
         if self._datagrams:
             return []
-        return self.take([Chunk(b"", self._sorter.latest_rx_us, Framing.STREAM)], final=True)
+        return self.take(Chunks.of([Chunk(b"", self._sorter.latest_rx_us, Framing.STREAM)]), final=True)
 
     def entry(self, name: str) -> schema.File:
         """The link's entry in the report."""

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.jit import helper, kernel
+from gcs_bridge.jit import Fields, helper, kernel
 from gcs_bridge.mavlink.dialect import BEYOND, WITHIN
 
 Bytes = npt.NDArray[np.uint8]
@@ -284,11 +284,24 @@ def _admit(frame, components, counts, buf, time):  # type: ignore[no-untyped-def
 
 
 @helper
-def _scan_piece(buf, base, final, timed, t_rx_us, row_of_id, crc_extra, field_end, counts, components, frames, gaps):  # type: ignore[no-untyped-def]  # typed by numba
-    """Scan `buf`, whose first byte has the offset `base`; return (frames, gaps) found, by the module's rules."""
-    n = buf.size
-    n_frames = 0
-    n_gaps = 0
+def _scan_chunk(  # type: ignore[no-untyped-def]  # typed by numba
+    buf,
+    base,
+    n,
+    final,
+    timed,
+    t_rx_us,
+    row_of_id,
+    crc_extra,
+    field_end,
+    counts,
+    components,
+    frames,
+    n_frames,
+    gaps,
+    n_gaps,
+):
+    """Scan on to the chunk's end `n`; the frames and gaps found so far, with those of before."""
     at = counts[_CURSOR] - base  # a due record's or frame's first byte; in a gap, where a frame may start
     while True:
         gap_start = counts[_GAP_START]
@@ -301,7 +314,7 @@ def _scan_piece(buf, base, final, timed, t_rx_us, row_of_id, crc_extra, field_en
         if what == _MORE and not final:
             break
         end = start + whole
-        time = np.int64(t_rx_us)
+        time = t_rx_us
         if timed:
             time = _time(buf, start - 8) if not in_gap or start - 8 >= gap_start - base else np.int64(_NO_TIME)
         taken = what == _GOOD
@@ -402,45 +415,44 @@ def _scan_piece(buf, base, final, timed, t_rx_us, row_of_id, crc_extra, field_en
 @kernel
 def scan_kernel(
     buf: Bytes,
+    base: int,
     ends: npt.NDArray[np.int64],
     t_rx_us: npt.NDArray[np.int64],
-    base: int,
+    whole: bool,
     final: bool,
     timed: bool,
     row_of_id: npt.NDArray[np.int16],
     crc_extra: npt.NDArray[np.uint8],
     field_end: npt.NDArray[np.uint8],
     counts: npt.NDArray[np.int64],
-    slot: npt.NDArray[np.int16],
-    last_seq: npt.NDArray[np.int16],
-    late_seq: npt.NDArray[np.int16],
-    lost: npt.NDArray[np.int64],
-    seen_hash: npt.NDArray[np.uint64],
-    seen_us: npt.NDArray[np.int64],
+    component_fields: Fields,
     frames: Frames,
     gaps: npt.NDArray[np.int64],
 ) -> tuple[int, int]:
-    """Scan the pieces of `buf`, which end at `ends` and came at `t_rx_us`, one behind the other; `final`: each whole.
+    """Scan `buf`, whose first byte has the offset `base`; return (frames, gaps) found, by the module's rules.
 
-    The first byte of `buf` has the offset `base`. Return how many frames and gaps were found.
+    It holds chunks up to their `ends`, received at `t_rx_us`. `whole`: nothing goes on behind any of them; `final`:
+    behind the last.
     """
-    components = Components(slot, last_seq, late_seq, lost, seen_hash, seen_us)
-    n_frames = n_gaps = 0
-    for i in range(ends.size):
-        more_frames, more_gaps = _scan_piece(
-            buf[: ends[i]],
+    components = Components(*component_fields)
+    n_frames = 0
+    n_gaps = 0
+    for chunk in range(ends.size):
+        n_frames, n_gaps = _scan_chunk(
+            buf,
             base,
-            final,
+            ends[chunk],
+            whole or (final and chunk == ends.size - 1),
             timed,
-            t_rx_us[i],
+            t_rx_us[chunk],
             row_of_id,
             crc_extra,
             field_end,
             counts,
             components,
-            frames[n_frames:],
-            gaps[n_gaps:],
+            frames,
+            n_frames,
+            gaps,
+            n_gaps,
         )
-        n_frames += more_frames
-        n_gaps += more_gaps
     return n_frames, n_gaps

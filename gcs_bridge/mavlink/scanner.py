@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 
+from gcs_bridge.columns import Int64s
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import (
     _BAD_TIMES,
@@ -75,14 +75,20 @@ class Salvage:
 MAX_GAPS = 100
 
 
-Data = bytes | bytearray | memoryview
-
-
 class RawFrame(NamedTuple):
     """A whole frame, signature included, and its receive time."""
 
     t_rx_us: int
     data: bytes
+
+
+class Scanned(NamedTuple):
+    """Frames that were found, what they lie in, and how many bytes were read so far; if asked for, as they came."""
+
+    buffer: Bytes
+    frames: Frames
+    done: int
+    raw: Sequence[RawFrame] = ()
 
 
 class Scanner:
@@ -95,7 +101,7 @@ class Scanner:
 
     def __init__(self, dialect: Dialect, *, timed: bool) -> None:
         """Start with nothing read."""
-        self.salvage = Salvage()
+        self._salvage = Salvage()
         self.buffer: Bytes = np.empty(0, np.uint8)
         self.all_frames: Frames = np.empty(0, FRAME)  # of the last call, with those of unknown ids
         self._base = 0
@@ -112,54 +118,68 @@ class Scanner:
             seen_us=np.full((_SLOTS, 256), -1, np.int64),
         )
 
-    def scan(self, data: Data, *, t_rx_us: int = -1, final: bool = False) -> Frames:
+    @property
+    def read(self) -> int:
+        """How many bytes were read so far."""
+        return self._salvage.bytes
+
+    @property
+    def salvage(self) -> Salvage:
+        """What was read by now, and what was lost."""
+        for slot, name in _COUNTERS:
+            setattr(self._salvage, name, int(self._counts[slot]))
+        return self._salvage
+
+    def scan(self, data: bytes | bytearray | memoryview, *, t_rx_us: int = -1, final: bool = False) -> Frames:
         """Take the next bytes and return the frames that they complete.
 
         `t_rx_us` is the receive time of a stream's bytes, −1 if unknown (a recording brings its own). With `final`
         nothing follows: what is still undecided is decided, as at the end of a file or of a datagram.
         """
-        return self.scan_pieces((data,), (t_rx_us,), final=final)
+        ends, times_us = np.array([len(data)]), np.array([t_rx_us])
+        return self.scan_chunks(np.frombuffer(data, np.uint8), ends, times_us, final=final)
 
-    def scan_pieces(self, pieces: Sequence[Data], t_rx_us: Sequence[int], *, final: bool = False) -> Frames:
-        """Take several pieces, as `scan` does one after the other, at the cost of one; all of them are `final`."""
-        keep = int(self._counts[_CURSOR]) - self._base
-        if self._timed and self._counts[_GAP_START] >= 0:
+    def scan_chunks(
+        self, data: Bytes, ends: Int64s, t_rx_us: Int64s, *, whole: bool = False, final: bool = False
+    ) -> Frames:
+        """Take the chunks of `data`, up to `ends` each: as `scan` takes one after the other, in one call.
+
+        `whole`: nothing goes on behind any of them, as behind datagrams; `final`: behind the last.
+        """
+        counts, salvage = self._counts, self._salvage
+        keep = int(counts[_CURSOR]) - self._base
+        if self._timed and counts[_GAP_START] >= 0:
             keep = max(keep - 8, 0)  # the bytes before a frame found in a gap may be its time
         rest = self.buffer.size - keep
-        ends = np.fromiter(accumulate(map(len, pieces), initial=rest), np.int64, len(pieces) + 1)[1:]
-        buffer = np.empty(ends[-1], np.uint8)
+        buffer = np.empty(rest + data.size, np.uint8)
         buffer[:rest] = self.buffer[keep:]
-        buffer[rest:] = np.frombuffer(pieces[0] if len(pieces) == 1 else b"".join(pieces), np.uint8)
+        buffer[rest:] = data
         self.buffer = buffer
         self._base += keep
-        capacity = buffer.size // _SMALLEST_FRAME + 2 * len(pieces)
-        frames = np.empty(capacity, FRAME)
-        gaps = np.empty((capacity, 2), np.int64)
-        unverified = self.salvage.unverified
+        capacity = buffer.size // _SMALLEST_FRAME + len(ends) + 1
+        frames, gaps = np.empty(capacity, FRAME), np.empty((capacity, 2), np.int64)
+        unverified = int(counts[_UNVERIFIED])
         n_frames, n_gaps = scan_kernel(
             buffer,
-            ends,
-            np.array(t_rx_us, np.int64),
             self._base,
+            ends + rest if rest else ends,
+            t_rx_us,
+            whole,
             final,
             self._timed,
             *self._tables,
-            self._counts,
-            *self._components,  # type: ignore[arg-type]  # mypy takes all of its arrays for one type
+            counts,
+            tuple(self._components),
             frames,
             gaps,
         )
-        salvage, counts = self.salvage, self._counts.tolist()
-        salvage.bytes += buffer.size - rest
-        for slot, name in _COUNTERS:
-            setattr(salvage, name, counts[slot])
         self.all_frames = verified = frames[:n_frames]
-        if salvage.unverified > unverified:
+        if counts[_UNVERIFIED] != unverified:
             verified = verified[verified["verified"] == 1]
+        salvage.bytes += data.size
         salvage.frames += len(verified)
-        if n_gaps:
-            for offset, length in gaps[:n_gaps].tolist():
-                salvage.add_gap(offset, length)
+        for offset, length in gaps[:n_gaps].tolist():
+            salvage.add_gap(offset, length)
         return verified
 
     def raw_frames(self) -> list[RawFrame]:

@@ -8,21 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from gcs_bridge.chunks import Chunk
-from gcs_bridge.mavlink.scan import Bytes, Frames
-from gcs_bridge.mavlink.scanner import Scanner
+from gcs_bridge.mavlink.scanner import Scanned, Scanner
 
 T = TypeVar("T")
-
-
-class Scanned(NamedTuple):
-    """The frames that a piece completed, the buffer that they lie in, and how many bytes were read so far."""
-
-    buffer: Bytes
-    frames: Frames
-    done: int
 
 
 def scanned_ahead(chunks: Iterable[Chunk], scanner: Scanner) -> Iterator[Scanned]:
@@ -33,9 +24,9 @@ def scanned_ahead(chunks: Iterable[Chunk], scanner: Scanner) -> Iterator[Scanned
 def _scanned(chunks: Iterable[Chunk], scanner: Scanner) -> Iterator[Scanned]:
     for chunk in chunks:
         frames = scanner.scan(chunk.data)
-        yield Scanned(scanner.buffer, frames, scanner.salvage.bytes)
+        yield Scanned(scanner.buffer, frames, scanner.read)
     frames = scanner.scan(b"", final=True)
-    yield Scanned(scanner.buffer, frames, scanner.salvage.bytes)
+    yield Scanned(scanner.buffer, frames, scanner.read)
 
 
 def ahead(items: Iterator[T]) -> Iterator[T]:

@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 
 from gcs_bridge import Monitor
+from gcs_bridge.judging.monitor import Monitor as JudgingMonitor
 from gcs_bridge.judging.observation import Observation
+from gcs_bridge.mavlink.scanner import RawFrame
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from tests.helpers import wire
@@ -112,6 +114,15 @@ def test_a_link_that_was_closed_is_open_again_with_its_next_bytes() -> None:
     assert [e["event"] for e in named(seen, "vehicle_lost", "vehicle_seen")] == ["vehicle_lost", "vehicle_seen"]
     with pytest.raises(ValueError, match="link 2 is open already"):
         monitor.open_link(2)
+
+
+def test_frames_of_datagrams_judged_together_are_handed_on_before_with_their_own_times() -> None:
+    """All of them at once, byte for byte, each with the receive time of its datagram."""
+    seen: list[RawFrame] = []
+    monitor = JudgingMonitor(on_frames=lambda _, frames: seen.extend(frames))
+    sent = [(frame, wire.START_US + i) for i, (_, frame) in enumerate(HEALTHY[:3])]
+    monitor.feed_datagrams(sent)
+    assert [(frame.data, frame.t_rx_us) for frame in seen] == sent
 
 
 def test_observers_see_vehicles_alone_and_all_of_them() -> None:
