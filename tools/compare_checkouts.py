@@ -57,6 +57,7 @@ def main() -> int:
     parser.add_argument("recordings", nargs="+", type=Path)
     parser.add_argument("--keep", type=Path, help="leave the results of AFTER in this folder")
     parser.add_argument("--ignore", action="append", default=[], metavar="KEY", help="a key that may differ")
+    parser.add_argument("--within", type=float, default=0.0, metavar="X", help="numbers this near are equal")
     given = parser.parse_args()
     recordings = [path.resolve() for path in _found(given.recordings)]
     with tempfile.TemporaryDirectory() as scratch:
@@ -71,7 +72,9 @@ def main() -> int:
             return 2
         different = 0
         for place, recording in enumerate(recordings):
-            found = list(_compare(*(folder / _name(place, recording) for folder in folders), set(given.ignore)))
+            found = list(
+                _compare(*(folder / _name(place, recording) for folder in folders), set(given.ignore), given.within)
+            )
             different += bool(found)
             for line in found[:_SAID]:
                 print(f"{recording.name}: {line}")
@@ -105,13 +108,13 @@ def _start(checkout: Path, folder: Path, recordings: list[Path]) -> subprocess.P
     return process
 
 
-def _compare(before: Path, after: Path, ignored: set[str]) -> Iterator[str]:
+def _compare(before: Path, after: Path, ignored: set[str], within: float) -> Iterator[str]:
     """The differences between two results."""
     for name in ("report.json", "events.jsonl"):
         texts = [(folder / name).read_text() if (folder / name).exists() else None for folder in (before, after)]
         if texts[0] != texts[1]:
-            told = list(_apart(*(_parsed(name, text) for text in texts), name, ignored))
-            yield from told if told or ignored else [f"{name}: the bytes differ, the values do not"]
+            told = list(_apart(*(_parsed(name, text) for text in texts), name, ignored, within))
+            yield from told if told or ignored or within else [f"{name}: the bytes differ, the values do not"]
     tables = sorted({str(path.relative_to(f)) for f in (before, after) for path in f.rglob("*.parquet")})
     for name in tables:
         if not ((before / name).exists() and (after / name).exists()):
@@ -121,7 +124,7 @@ def _compare(before: Path, after: Path, ignored: set[str]) -> Iterator[str]:
         if one.schema != other.schema:
             yield f"{name}: other columns"
         elif not one.equals(other):  # NaN is not equal to itself: row by row
-            yield from _apart(one.to_pylist(), other.to_pylist(), name, ignored)
+            yield from _apart(one.to_pylist(), other.to_pylist(), name, ignored, within)
 
 
 def _parsed(name: str, text: str | None) -> Any:
@@ -130,24 +133,24 @@ def _parsed(name: str, text: str | None) -> Any:
     return json.loads(text) if name.endswith(".json") else [json.loads(line) for line in text.splitlines()]
 
 
-def _apart(one: Any, other: Any, path: str, ignored: set[str]) -> Iterator[str]:
+def _apart(one: Any, other: Any, path: str, ignored: set[str], within: float) -> Iterator[str]:
     if isinstance(one, dict) and isinstance(other, dict):
         if list(one) != list(other):
             yield f"{path}: keys {list(one)} and {list(other)}"
         for key in one.keys() & other.keys() - ignored:
-            yield from _apart(one[key], other[key], f"{path}.{key}", ignored)
+            yield from _apart(one[key], other[key], f"{path}.{key}", ignored, within)
     elif isinstance(one, list) and isinstance(other, list):
         if len(one) != len(other):
             yield f"{path}: {len(one)} and {len(other)} entries"
         for at, (a, b) in enumerate(zip(one, other, strict=False)):
-            yield from _apart(a, b, f"{path}[{at}]", ignored)
-    elif one != other and not (isinstance(one, float) and isinstance(other, float) and _both_nan(one, other)):
+            yield from _apart(a, b, f"{path}[{at}]", ignored, within)
+    elif one != other and not (isinstance(one, float) and isinstance(other, float) and _alike(one, other, within)):
         by = f" (by {abs(one - other):.3g})" if isinstance(one, float) and isinstance(other, float) else ""
         yield f"{path}: {one!r} and {other!r}{by}"
 
 
-def _both_nan(one: float, other: float) -> bool:
-    return math.isnan(one) and math.isnan(other)
+def _alike(one: float, other: float, within: float) -> bool:
+    return abs(one - other) <= within or (math.isnan(one) and math.isnan(other))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from gcs_bridge.alarms.rated import Rated, Worst
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import CLEARING, PENDING, QUIET, TRANSITIONS, Change, Signal, State
 from gcs_bridge.columns import Floats, Int64s, Records
-from gcs_bridge.jit import helper, kernel
+from gcs_bridge.jit import Fields, helper, kernel
 
 _STATES, _SIGNALS = tuple(State), tuple(Signal)
 NEXT = np.array([[_STATES.index(TRANSITIONS.get((one, by), one)) for by in _SIGNALS] for one in _STATES])
@@ -60,6 +60,7 @@ CHANGE = np.dtype(
         ("frame_index", "i8"),
         ("before", "i8"),
         ("after", "i8"),
+        ("by", "i8"),  # place in Signal
         ("t_us", "i8"),
         ("onset_us", "i8"),
         ("worst", "f8"),
@@ -186,16 +187,16 @@ def _go(votes, a, frame_index, signal):  # type: ignore[no-untyped-def]  # typed
         alarm.shorts += 1
     alarm.since_us = alarm.now_us
     alarm.state = after
-    _write(votes, a, frame_index, before, alarm.now_us)
+    _write(votes, a, frame_index, before, signal, alarm.now_us)
 
 
 @helper
-def _write(votes, a, frame_index, before, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _write(votes, a, frame_index, before, by, t_us):  # type: ignore[no-untyped-def]  # typed by numba
     """Put down where the alarm is with a frame, and what it was before."""
     alarm, change = votes.alarm[a], votes.change[votes.changes[0]]
     votes.changes[0] += 1
     change.alarm, change.frame_index, change.before, change.after = a, frame_index, before, alarm.state
-    change.t_us, change.onset_us, change.worst = t_us, alarm.onset_us, alarm.worst
+    change.by, change.t_us, change.onset_us, change.worst = by, t_us, alarm.onset_us, alarm.worst
     for i in range(5):
         change.worst_detail[i] = alarm.worst_detail[i]
 
@@ -211,12 +212,13 @@ def _pass_signals(votes, a, frame_index):  # type: ignore[no-untyped-def]  # typ
         if by != _NO_SIGNAL:
             alarm.state = NEXT[before, by]
         if alarm.state != before or by == _NO_SIGNAL:
-            _write(votes, a, at, before, 0)
+            _write(votes, a, at, before, by, 0)
 
 
 @kernel
-def pass_signals(votes: Votes) -> None:
+def pass_signals(fields: Fields) -> None:
     """Take all signals that no sample followed."""
+    votes = Votes(*fields)
     for a in range(votes.alarm.size):
         if votes.alarm[a].signal < votes.alarm[a].signals:
             _pass_signals(votes, a, np.iinfo(np.int64).max)
@@ -224,9 +226,10 @@ def pass_signals(votes: Votes) -> None:
 
 @kernel
 def vote_all(
-    votes: Votes, a: int, frame_index: Int64s, t_us: Int64s, value: Floats, limit: Floats, detail: Floats
+    fields: Fields, a: int, frame_index: Int64s, t_us: Int64s, value: Floats, limit: Floats, detail: Floats
 ) -> None:
     """Give the alarm `a` samples (n,) with their details (n, 5)."""
+    votes = Votes(*fields)
     for i in range(value.size):
         vote(
             votes,
@@ -316,7 +319,7 @@ class Ballot:
         if len(rated):
             frame_index, t_us, value, limit = rated.frame_index, rated.t_boot_us, rated.value, rated.limit
             vote_all(
-                self.votes(len(rated)),
+                tuple(self.votes(len(rated))),
                 self.place_of(spec),
                 frame_index,
                 t_us,
@@ -328,7 +331,7 @@ class Ballot:
     def changes(self) -> list[AlarmChange]:
         """What has changed since this was asked last, signals included that no sample followed."""
         if self._signals:
-            pass_signals(self.votes(0))
+            pass_signals(tuple(self.votes(0)))
             self._signals.clear()
             self._votes.alarm["signal"] = self._votes.alarm["signals"] = 0
             self._votes = self._votes._replace(signal=_NO_SIGNALS)
@@ -343,6 +346,7 @@ class Ballot:
                 Change(
                     before=_STATES[one["before"]],
                     state=_STATES[one["after"]],
+                    by=None if one["by"] == _NO_SIGNAL else _SIGNALS[one["by"]],
                     t_boot_us=int(one["t_us"]),
                     worst=Worst(float(one["worst"]), one["worst_detail"].copy()),
                     onset_us=int(one["onset_us"]),

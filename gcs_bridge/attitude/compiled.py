@@ -66,7 +66,12 @@ def unit_at(q, row):  # type: ignore[no-untyped-def]  # typed by numba
 @helper
 def vector_at(v, row):  # type: ignore[no-untyped-def]  # typed by numba
     """As `vector`: row `row` of v (n, 3) as x, y, z; NaN as a whole where any of them means nothing."""
-    x, y, z = v[row, 0], v[row, 1], v[row, 2]
+    return vector_of(v[row, 0], v[row, 1], v[row, 2])
+
+
+@helper
+def vector_of(x, y, z):  # type: ignore[no-untyped-def]  # typed by numba
+    """The same of three numbers."""
     if not (abs(x) <= _LARGEST and abs(y) <= _LARGEST and abs(z) <= _LARGEST):
         x = y = z = np.nan
     return x, y, z

@@ -19,7 +19,8 @@ from gcs_bridge.checks.base import Check, between_attitudes, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
 from gcs_bridge.pairing.neighbours import Lookup, Track, in_order
-from gcs_bridge.pairing.references import ATTITUDE_WIDTH, attitude_at
+from gcs_bridge.pairing.references import attitude_at
+from gcs_bridge.pairing.seen import ATTITUDE_WIDTH
 from gcs_bridge.settings import AlarmSettings, AlignmentSettings, SecondaryEstimateSettings
 
 _STAMP_BOUND_S = 0.001  # stamps are whole milliseconds

@@ -31,6 +31,8 @@ class TrimsInForce:
 
     def follow(self, corrected: Corrected) -> None:
         """Take what was undone in the next samples of ATTITUDE."""
+        if not self._told and not corrected.undoes and not self._undone_rad.any():
+            return
         undone = np.vstack((self._undone_rad, corrected.trim_b_rad))
         changes = np.flatnonzero((np.diff(undone, axis=0) != 0).any(axis=1))
         self._undone_rad = undone[-1]

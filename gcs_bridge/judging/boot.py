@@ -8,7 +8,7 @@ from gcs_bridge.events import utc
 from gcs_bridge.judging.diagnosis_cases import DiagnosisCases
 from gcs_bridge.judging.estimator_resets import Resets
 from gcs_bridge.pairing.pairs import Aligner
-from gcs_bridge.pairing.references import ImuLookup, PrimaryImu, ReferenceAttitude
+from gcs_bridge.pairing.references import PrimaryImu, References
 from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.stream_liveness import Liveness
@@ -25,12 +25,11 @@ class Boot:
         self.start_rx_us = t_rx_us - t_boot_us if t_rx_us >= 0 else -1
         self.aligner = Aligner(settings.alignment, settings.reset)
         self.liveness = Liveness(settings.stream)
-        self.attitude = ReferenceAttitude()
         self.resets = Resets()
         self.diagnosis_cases = DiagnosisCases(settings)
         self.asked: dict[str, AlarmRecord] = {}  # alarms that stand, about which the doctor is asked
         self.imu = PrimaryImu()
-        self.imu_lookup = ImuLookup(settings.alignment)
+        self.references = References(settings.alignment)
         self.alive = [False, False]  # the two streams
         self.no_compare_told = False
 

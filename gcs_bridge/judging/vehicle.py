@@ -35,7 +35,7 @@ from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.batches import BootSegment, VehicleBatch, no_segment
 from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.telemetry.link_clock import LinkClock
+from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
 from gcs_bridge.telemetry.stillness import Stillness
@@ -80,8 +80,8 @@ class VehicleJudge:
         for name, t_rx_us in batch.counted.items():
             self._stream(name).add(t_rx_us)
         self._hear(batch, link)
-        for notice in batch.clock_changes:
-            yield clock_notice(self.vehicle, notice)
+        for change in batch.clock_changes:
+            yield clock_notice(self.vehicle, change)
         boots = {segment.boot: segment for segment in batch.segments}
         more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
         for index in sorted(boots.keys() | set(np.unique(np.concatenate(more)).tolist())):
@@ -90,6 +90,11 @@ class VehicleJudge:
         last = int(frame_indices[-1])
         for latest in (self._heard, self._fixed_wing, self._ardupilot, self._stillness, self._trims):
             latest.forget(last)
+
+    @property
+    def due_us(self) -> int:
+        """The receive time of the link from which on time alone may change something."""
+        return min(self.alarm_manager.due_us, NEVER_US if self._boot is None else self._boot.liveness.due_us)
 
     def advance(self, link: LinkClock) -> Iterator[Notice]:
         """Time passed on the link and nothing of this vehicle came."""
@@ -224,23 +229,15 @@ class VehicleJudge:
         corrected = self._expected.correct(sent, quaternion)
         euler = sent if corrected.q_nb is sent.q_nb else replace(sent, q_nb=corrected.q_nb)
         self._trims.follow(corrected)
-        paired = np.flatnonzero(segment.valid_attitude)
-        valid = (euler[euler.valid], quaternion[quaternion.valid])
-        by_stream = np.argsort(segment.message[paired], kind="stable")
-        order = np.argsort(by_stream, kind="stable")  # the inverse: from one stream behind the other to arrival
-        as_sent = None if euler is sent else sent.q_nb[sent.valid]
-        aligned = boot.aligner.pair(*valid, order, as_sent)
-
-        periods = np.full((2, len(segment.message)), -1)
-        periods[0, paired], periods[1, paired] = aligned.period_us, aligned.rx_period_us
-        self._count(segment, periods[0])
+        aligned = boot.aligner.pair(euler, quaternion, segment.message, None if euler is sent else sent.q_nb)
+        self._count(segment, aligned.period_us)
         line = Timeline(
             frame_index=segment.frame_index,
             stream=np.minimum(segment.message, OTHER),
             t_boot_us=segment.t_boot_us,
             t_rx_us=link.latest_rx_us[segment.frame_index - link.frame_index[0]],
-            period_us=periods[0],
-            rx_period_us=periods[1],
+            period_us=aligned.period_us,
+            rx_period_us=aligned.rx_period_us,
             lost=segment.lost,
             received=segment.received,
         )
@@ -249,7 +246,7 @@ class VehicleJudge:
         yield from notices
 
         imu = self._imu_of(boot, batch)
-        attitudes = boot.attitude.take(euler, quaternion)
+        attitudes, imu_with_attitude = boot.references.take(segment.message, euler, quaternion, imu)
         flight = CheckBatch(
             euler=euler,
             quaternion=quaternion,
@@ -257,7 +254,7 @@ class VehicleJudge:
             steps=aligned.steps,
             attitude=attitudes,
             imu=imu,
-            imu_with_attitude=boot.imu_lookup.feed(attitudes, imu),
+            imu_with_attitude=imu_with_attitude,
             secondary=_of_boot(batch.secondary, boot),
             fixed_wing=self._fixed_wing,
             ardupilot=self._ardupilot,
@@ -282,8 +279,7 @@ class VehicleJudge:
                 corrected=corrected,
                 quaternion=quaternion,
                 pairs=aligned.pairs,
-                angle_rad=found.angle,
-                bad=found.judged & (found.angle > found.limit),
+                disagreement=found,
             )
         )
         told_of = [*self.alarm_manager.tell(link, lambda moment: self._ask(boot, moment, link))]
@@ -363,10 +359,7 @@ class VehicleJudge:
         for index, samples in enumerate((segment.euler, segment.quaternion)):
             if len(samples):
                 count = self._stream(samples.source)
-                mine = segment.message == index
-                steps = count.add(samples.t_boot_us)
-                count.add_losses(steps, period_us[mine], segment.lost[mine])
-                count.invalid += int((~samples.valid).sum())
+                count.add_stream(index, segment.message, segment.t_boot_us, segment.lost, period_us, samples.valid)
 
 
 def _of_boot(secondary: Ahrs2Samples, boot: Boot) -> Ahrs2Samples:

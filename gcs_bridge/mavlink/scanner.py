@@ -5,7 +5,9 @@ What they hold is not known here.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -73,6 +75,9 @@ class Salvage:
 MAX_GAPS = 100
 
 
+Data = bytes | bytearray | memoryview
+
+
 class RawFrame(NamedTuple):
     """A whole frame, signature included, and its receive time."""
 
@@ -107,47 +112,54 @@ class Scanner:
             seen_us=np.full((_SLOTS, 256), -1, np.int64),
         )
 
-    def scan(self, data: bytes | bytearray | memoryview, *, t_rx_us: int = -1, final: bool = False) -> Frames:
+    def scan(self, data: Data, *, t_rx_us: int = -1, final: bool = False) -> Frames:
         """Take the next bytes and return the frames that they complete.
 
         `t_rx_us` is the receive time of a stream's bytes, −1 if unknown (a recording brings its own). With `final`
         nothing follows: what is still undecided is decided, as at the end of a file or of a datagram.
         """
+        return self.scan_pieces((data,), (t_rx_us,), final=final)
+
+    def scan_pieces(self, pieces: Sequence[Data], t_rx_us: Sequence[int], *, final: bool = False) -> Frames:
+        """Take several pieces, as `scan` does one after the other, at the cost of one; all of them are `final`."""
         keep = int(self._counts[_CURSOR]) - self._base
         if self._timed and self._counts[_GAP_START] >= 0:
             keep = max(keep - 8, 0)  # the bytes before a frame found in a gap may be its time
         rest = self.buffer.size - keep
-        buffer = np.empty(rest + len(data), np.uint8)
+        ends = np.fromiter(accumulate(map(len, pieces), initial=rest), np.int64, len(pieces) + 1)[1:]
+        buffer = np.empty(ends[-1], np.uint8)
         buffer[:rest] = self.buffer[keep:]
-        buffer[rest:] = np.frombuffer(data, np.uint8)
+        buffer[rest:] = np.frombuffer(pieces[0] if len(pieces) == 1 else b"".join(pieces), np.uint8)
         self.buffer = buffer
         self._base += keep
-        capacity = buffer.size // _SMALLEST_FRAME + 2
+        capacity = buffer.size // _SMALLEST_FRAME + 2 * len(pieces)
         frames = np.empty(capacity, FRAME)
         gaps = np.empty((capacity, 2), np.int64)
+        unverified = self.salvage.unverified
         n_frames, n_gaps = scan_kernel(
             buffer,
+            ends,
+            np.array(t_rx_us, np.int64),
             self._base,
             final,
             self._timed,
-            t_rx_us,
             *self._tables,
             self._counts,
-            self._components,
+            *self._components,  # type: ignore[arg-type]  # mypy takes all of its arrays for one type
             frames,
             gaps,
         )
-        salvage = self.salvage
-        salvage.bytes += len(data)
-        self.all_frames = frames[:n_frames]
-        verified = self.all_frames
-        if not verified["verified"].all():
+        salvage, counts = self.salvage, self._counts.tolist()
+        salvage.bytes += buffer.size - rest
+        for slot, name in _COUNTERS:
+            setattr(salvage, name, counts[slot])
+        self.all_frames = verified = frames[:n_frames]
+        if salvage.unverified > unverified:
             verified = verified[verified["verified"] == 1]
         salvage.frames += len(verified)
-        for slot, name in _COUNTERS:
-            setattr(salvage, name, int(self._counts[slot]))
-        for offset, length in gaps[:n_gaps].tolist():
-            salvage.add_gap(offset, length)
+        if n_gaps:
+            for offset, length in gaps[:n_gaps].tolist():
+                salvage.add_gap(offset, length)
         return verified
 
     def raw_frames(self) -> list[RawFrame]:

@@ -5,8 +5,7 @@ interpolated at its time: a cubic Hermite in the rotation vector, which uses the
 way round, or latest against latest, shows tens of degrees on healthy aircraft.) Nothing is interpolated across a
 reboot, a gap that is too long, or a step that the stream's own rates deny.
 
-`match_kernel` decides which samples form a pair, one sample after the other in order of arrival, so it cannot depend
-on how they were cut into batches. What a pair is worth is computed for all of a batch's pairs at once.
+`pair_kernel` decides it, one sample after the other in order of arrival.
 """
 
 from __future__ import annotations
@@ -14,13 +13,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from gcs_bridge import attitude
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, Ring
-from gcs_bridge.pairing.bounds import interpolation_bound_rad, length
-from gcs_bridge.pairing.kernel import EULER, MATCH, QUATERNION, match_kernel, new_match_state
-from gcs_bridge.pairing.steps import NO_STEPS, RecentSamples, Steps, StreamSteps
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask
+from gcs_bridge.pairing.kernel import (
+    EULER,
+    QUATERNION,
+    Came,
+    Limits,
+    PairRows,
+    new_pair_state,
+    pair_kernel,
+)
+from gcs_bridge.pairing.steps import Steps, step_rows, steps_of
 from gcs_bridge.settings import AlignmentSettings, ResetSettings
 from gcs_bridge.telemetry.samples import AttitudeSamples
 
@@ -57,7 +61,10 @@ class Pairs(FrameColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class Aligned:
-    """A batch's pairs and steps, and per sample its stream's period by then, in boot and receive time (µs, −1)."""
+    """A batch's pairs and steps, and with each message its stream's period by then, in boot and receive time, µs.
+
+    −1 where it is not known, and with any other message.
+    """
 
     pairs: Pairs
     period_us: Int64s
@@ -70,111 +77,82 @@ class Aligner:
 
     def __init__(self, alignment: AlignmentSettings, reset: ResetSettings) -> None:
         """Start before a boot's first sample."""
-        self._alignment = alignment
-        self._state = new_match_state()
-        self._streams = (StreamSteps(reset), StreamSteps(reset))
+        self._limits = Limits(
+            max_gap_us=alignment.max_gap_us,
+            same_instant_bound_rad=alignment.same_instant_bound_rad,
+            step_rad=reset.step_rad,
+            per_rate_s=reset.per_rate_s,
+        )
+        self._state = new_pair_state()
+        self._undone = False  # whether anything was expected of a sample so far
 
     def pair(
         self,
         euler: AttitudeSamples,
         quaternion: AttitudeSamples,
-        order: Int64s,
+        stream: Int64s,
         q_euler_sent: Floats | None = None,
     ) -> Aligned:
-        """The pairs that these samples complete.
+        """The pairs that these samples complete; those that are not valid are passed over.
 
-        `order` (n,) sorts the two streams' samples, ATTITUDE's first, into their order of arrival, in which periods are
-        returned too. `q_euler_sent` are ATTITUDE's own, where `euler` differs from them.
+        `stream` (n,): the messages in order of arrival, 0 and 1 the next sample of `euler` and `quaternion`, any other
+        none of both. `q_euler_sent` are ATTITUDE's own, where `euler` differs from them.
         """
-        stream = np.repeat(np.array([EULER, QUATERNION]), [len(euler), len(quaternion)])[order]
-        t_us = np.concatenate((euler.t_boot_us, quaternion.t_boot_us))[order]
-        t_rx_us = np.concatenate((euler.t_rx_us, quaternion.t_rx_us))[order]
-        steps = [NO_STEPS, NO_STEPS]
-        for k, (stream_steps, samples) in enumerate(zip(self._streams, (euler, quaternion), strict=True)):
-            if len(samples):
-                q = attitude.normalise(samples.q_nb)
-                with np.errstate(invalid="ignore"):  # rates that are no numbers: they explain no step
-                    sent = q_euler_sent if k == EULER else None
-                    steps[k] = stream_steps.append(samples, q, sent)
-        self._state = self._state.with_room(len(stream))
-        matches = np.empty(len(stream) + self._state.n_waiting + 1, MATCH)
-        periods = np.empty((len(stream), 2), np.int64)
-        n = match_kernel(stream, t_us, t_rx_us, self._alignment.max_gap_us, self._state, matches, periods)
-        with np.errstate(invalid="ignore"):  # rates that are no numbers: the bound is none then
-            by = matches["completed_by"][:n]
-            frame_index = np.concatenate((euler.frame_index, quaternion.frame_index))[order]
-            pairs = self._evaluated(matches[:n], frame_index[by], t_rx_us[by])
+        n, longest = len(stream), max(len(euler), len(quaternion))
+        self._undone |= q_euler_sent is not None
+        self._state = self._state.with_room(longest)
+        pairs, steps = self._pair_rows(len(euler) + len(quaternion) + self._state.n_waiting), step_rows(longest)
+        periods, counts = np.empty((2, n), np.int64), np.empty(5, np.int64)
+        pair_kernel(
+            stream,
+            tuple(_came(euler, q_euler_sent)),
+            tuple(_came(quaternion, None)),
+            tuple(self._limits),
+            tuple(self._state),
+            tuple(pairs),
+            tuple(steps),
+            periods,
+            counts,
+        )
+        of_euler, of_quaternion, n_pairs = counts[:3].tolist()
         return Aligned(
-            pairs=pairs, period_us=periods[:, 0], rx_period_us=periods[:, 1], steps=(steps[EULER], steps[QUATERNION])
+            pairs=Pairs(**{name: of[:n_pairs] for name, of in pairs._asdict().items()}),
+            period_us=periods[0],
+            rx_period_us=periods[1],
+            steps=(steps_of(steps, EULER, of_euler), steps_of(steps, QUATERNION, of_quaternion)),
         )
 
-    def _evaluated(self, matches: npt.NDArray[np.void], frame_index: Int64s, t_rx_us: Int64s) -> Pairs:
-        """The matched samples as pairs, the faster stream interpolated where the instants differ."""
-        n = len(matches)
+    def _pair_rows(self, n: int) -> PairRows:
+        """Room for n pairs."""
         q_euler = np.empty((n, 4))
-        as_sent = self._streams[EULER].recent.rows.applied_correction is None
-        pairs = Pairs(
-            frame_index=frame_index,
+        return PairRows(
+            frame_index=np.empty(n, np.int64),
             t_boot_us=np.empty(n, np.int64),
-            t_rx_us=t_rx_us,
-            same_instant=matches["same"] == 1,
+            t_rx_us=np.empty(n, np.int64),
+            same_instant=np.empty(n, np.bool_),
             q_euler=q_euler,
             q_quaternion=np.empty((n, 4)),
-            q_euler_sent=q_euler if as_sent else np.empty((n, 4)),
+            q_euler_sent=np.empty((n, 4)) if self._undone else q_euler,
             w_nb_b_rad_s=np.empty((n, 3)),
-            w_differs_b_rad_s=np.full((n, 3), np.nan),
-            unsteady_rad_s=np.full(n, np.nan),
-            bound_rad=np.full(n, self._alignment.same_instant_bound_rad),
-            after_reset=np.zeros(n, np.bool_),
-            interval_id=np.where(matches["same"] == 1, -1, matches["after"]),
-            duration_us=matches["duration_us"].copy(),
+            w_differs_b_rad_s=np.empty((n, 3)),
+            unsteady_rad_s=np.empty(n),
+            bound_rad=np.empty(n),
+            after_reset=np.empty(n, np.bool_),
+            interval_id=np.empty(n, np.int64),
+            duration_us=np.empty(n, np.int64),
         )
-        for slower in (EULER, QUATERNION):
-            for same in (True, False):
-                rows = np.flatnonzero((matches["slower"] == slower) & (pairs.same_instant == same))
-                if len(rows):
-                    self._evaluate(pairs, rows, matches[rows], slower, same)
-        return pairs
 
-    def _evaluate(self, pairs: Pairs, rows: Int64s, matches: npt.NDArray[np.void], slower: int, same: bool) -> None:
-        rings: list[Ring[RecentSamples]] = [self._streams[k].recent for k in (slower, 1 - slower)]
-        slow, fast = (ring.rows for ring in rings)
-        at = matches["sample"] - rings[0].first
-        before, after = matches["before"] - rings[1].first, matches["after"] - rings[1].first
-        q_of = (pairs.q_euler, pairs.q_quaternion)
-        pairs.t_boot_us[rows] = slow.t_us[at]
-        q_of[slower][rows] = slow.q[at]
-        if same:
-            q_of[1 - slower][rows] = fast.q[after]
-            pairs.w_nb_b_rad_s[rows] = fast.w[after]
-            self._compare_rates(pairs, rows, slow, at, fast, after, 1 if slower == EULER else -1)
-            self._resend(pairs, rows, at if slower == EULER else after)
-            return
-        gap_us = fast.t_us[after] - fast.t_us[before]
-        u = (slow.t_us[at] - fast.t_us[before]) / gap_us
-        h = gap_us * 1e-6
-        w0, w1, own = fast.w[before], fast.w[after], slow.w[at]
-        q, w = attitude.hermite(fast.q[before], fast.q[after], w0, w1, dt_s=h, u=u)
-        q_of[1 - slower][rows] = q
-        pairs.w_nb_b_rad_s[rows] = w
-        pairs.after_reset[rows] = fast.contradicts_rates[after] & ~fast.contradicts_rates[before]
-        pairs.bound_rad[rows] += interpolation_bound_rad(
-            w0, w1, own, w, kin_fast=fast.kin[after], kin_slow=slow.kin[at], h=h, u=u
-        )
-        self._resend(pairs, rows, at if slower == EULER else after)
 
-    def _compare_rates(
-        self, pairs: Pairs, rows: Int64s, slow: RecentSamples, at: Int64s, fast: RecentSamples, there: Int64s, sign: int
-    ) -> None:
-        """The rates of both messages at one instant; a firmware that reports none sends zeros."""
-        one, other = slow.w[at], fast.w[there]
-        unreported = (length(one) == 0) | (length(other) == 0)
-        pairs.w_differs_b_rad_s[rows] = np.where(unreported[:, None], np.nan, sign * (other - one))
-        # The calmer one's: a stream whose rates are wrong finds its own step unsteady, and would excuse itself.
-        pairs.unsteady_rad_s[rows] = np.fmin(slow.unsteady[at], fast.unsteady[there])
+def _came(samples: AttitudeSamples, q_sent: Floats | None) -> Came:
+    return Came(
+        frame_index=samples.frame_index,
+        t_us=samples.t_boot_us,
+        t_rx_us=samples.t_rx_us,
+        q_nb=samples.q_nb,
+        q_sent=_NOTHING_UNDONE if q_sent is None else q_sent,
+        w_b_rad_s=samples.w_nb_b_rad_s,
+        valid=samples.valid,
+    )
 
-    def _resend(self, pairs: Pairs, rows: Int64s, at: Int64s) -> None:
-        """Put back into the Euler side what was expected of its sample `at`."""
-        applied_correction = self._streams[EULER].recent.rows.applied_correction
-        if applied_correction is not None:
-            pairs.q_euler_sent[rows] = attitude.multiply(pairs.q_euler[rows], applied_correction[at])
+
+_NOTHING_UNDONE = np.empty((0, 4))

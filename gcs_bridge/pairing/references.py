@@ -11,13 +11,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_bridge import attitude
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, RunningMax
-from gcs_bridge.pairing.neighbours import Answers, Lookup, Track, in_order, no_track
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask
+from gcs_bridge.pairing.neighbours import Answers, Track
+from gcs_bridge.pairing.seen import (
+    ATTITUDE_WIDTH,
+    FALLBACK_US,
+    QUERY_WIDTH,
+    Attitudes,
+    Inertial,
+    SeenRows,
+    choose_reference,
+    hear_all,
+    new_series,
+    new_waiting,
+    see_kernel,
+)
 from gcs_bridge.settings import AlignmentSettings
 from gcs_bridge.telemetry.samples import AttitudeSamples, ImuSamples
-
-ATTITUDE_WIDTH = 7  # q_nb (4), w_b (3)
-_FALLBACK_US = 1_000_000  # ATTITUDE stands in for ATTITUDE_QUATERNION after so long a silence of it
 
 
 def attitude_at(found: Answers) -> Floats:
@@ -75,68 +85,96 @@ class ImuWithAttitude(FrameColumns):
     place: Floats
 
 
-class ImuLookup:
-    """Finds the attitude at the times of inertial samples, within one boot."""
+class References:
+    """The one attitude of a vehicle, and its inertial samples with the attitude at their times, within one boot."""
 
     def __init__(self, alignment: AlignmentSettings) -> None:
         """Start before the boot's first sample."""
         self._max_gap_us = alignment.max_gap_us
-        self._lookup = Lookup(_SEEN_WIDTH, ATTITUDE_WIDTH, self._max_gap_us)
-        self._latest_us = -1
+        self._reference = np.full(1, -FALLBACK_US)
+        self._series = new_series(ATTITUDE_WIDTH)
+        self._waiting = new_waiting(QUERY_WIDTH)
 
-    def feed(self, series: Track, imu: VehicleImu | None) -> ImuWithAttitude:
-        """Take attitudes and samples as they came; return the samples whose attitude is known by now."""
-        queries = no_track(_SEEN_WIDTH)
-        if imu is not None:
-            told = np.column_stack((imu.may_rest, imu.stands, imu.t_rx_us)).astype(np.float64)
-            rows = np.hstack((imu.f_b_m_s2, imu.w_b_rad_s, imu.m_b_gauss, imu.trim_b_rad, told))
-            queries = Track(frame_index=imu.frame_index, t_us=imu.t_boot_us, rows=rows)
-        found = self._lookup.feed(series, queries)
-        rows = found.query.rows
-        picked = in_order(found.query.t_us, self._latest_us)
-        if len(picked):
-            self._latest_us = int(found.query.t_us[picked[-1]])
-        seen = ImuWithAttitude(
-            frame_index=found.frame_index,
-            max_gap_us=self._max_gap_us,
-            t_boot_us=found.query.t_us,
-            t_rx_us=rows[:, 14].astype(np.int64),
-            f_b_m_s2=rows[:, :3],
-            w_b_rad_s=rows[:, 3:6],
-            m_b_gauss=rows[:, 6:9],
-            trim_b_rad=rows[:, 9:12],
-            may_rest=rows[:, 12] != 0,
-            stands=rows[:, 13] != 0,
-            q_nb=attitude_at(found),
-            w0_b_rad_s=found.before.rows[:, 4:],
-            w1_b_rad_s=found.after.rows[:, 4:],
-            gap_s=found.gap_s,
-            place=found.place,
+    def take(
+        self, stream: Int64s, euler: AttitudeSamples, quaternion: AttitudeSamples, imu: VehicleImu | None
+    ) -> tuple[Track, ImuWithAttitude]:
+        """The attitudes that others are compared with, valid ones in order of arrival; and what is known by now of
+        inertial samples, of this batch or before.
+
+        `stream` (n,): the messages in order of arrival, 0 and 1 the next sample of `euler` and `quaternion`.
+        """
+        n, asked = len(euler) + len(quaternion), 0 if imu is None else len(imu)
+        track = Track(frame_index=np.empty(n, np.int64), t_us=np.empty(n, np.int64), rows=np.empty((n, ATTITUDE_WIDTH)))
+        self._series = self._series.with_room(n)
+        self._waiting = self._waiting.with_room(asked)
+        seen = _seen_rows(self._waiting.n + asked)
+        counts = np.zeros(4, np.int64)
+        of_track = track.frame_index, track.t_us, track.rows
+        choose_reference(
+            stream, tuple(_attitudes(euler)), tuple(_attitudes(quaternion)), self._reference, *of_track, counts
         )
-        return seen if len(picked) == len(seen) else seen[picked]
+        chosen = int(counts[2])
+        if chosen < n:
+            track = track[:chosen]
+            of_track = track.frame_index, track.t_us, track.rows
+        came = _NO_INERTIAL if imu is None else _inertial(imu)
+        if asked or self._waiting.n:
+            state = tuple(self._series), tuple(self._waiting)
+            see_kernel(*of_track, tuple(came), self._max_gap_us, *state, tuple(seen), counts)
+        elif chosen:
+            hear_all(*of_track, tuple(self._series))
+        found = int(counts[3])
+        return track, ImuWithAttitude(
+            max_gap_us=self._max_gap_us, **{name: of[:found] for name, of in seen._asdict().items()}
+        )
 
 
-_SEEN_WIDTH = 15  # of a query: force, rates, field, trim; whether it may rest, whether it stands; receive time
+def _attitudes(samples: AttitudeSamples) -> Attitudes:
+    return Attitudes(
+        frame_index=samples.frame_index,
+        t_us=samples.t_boot_us,
+        q_nb=samples.q_nb,
+        w_b_rad_s=samples.w_nb_b_rad_s,
+        valid=samples.valid,
+    )
 
 
-class ReferenceAttitude:
-    """Chooses one attitude from the two streams: the quaternion, and the Euler angles while it does not come."""
+def _inertial(imu: VehicleImu) -> Inertial:
+    return Inertial(
+        frame_index=imu.frame_index,
+        t_us=imu.t_boot_us,
+        t_rx_us=imu.t_rx_us,
+        f_b_m_s2=imu.f_b_m_s2,
+        w_b_rad_s=imu.w_b_rad_s,
+        m_b_gauss=imu.m_b_gauss,
+        trim_b_rad=imu.trim_b_rad,
+        may_rest=imu.may_rest,
+        stands=imu.stands,
+    )
 
-    def __init__(self) -> None:
-        """Start before a boot's first sample."""
-        self._quaternion_us = RunningMax(-_FALLBACK_US)
 
-    def take(self, euler: AttitudeSamples, quaternion: AttitudeSamples) -> Track:
-        """The chosen samples, valid ones only, in order of arrival."""
-        heard_us = self._quaternion_us.feed(quaternion.t_boot_us[quaternion.valid])
-        before = np.searchsorted(quaternion.frame_index[quaternion.valid], euler.frame_index)
-        stands_in = euler.valid & (euler.t_boot_us - heard_us[before] >= _FALLBACK_US)
-        tracks = []
-        for samples, chosen in ((euler, stands_in), (quaternion, quaternion.valid)):
-            rows = np.hstack((samples.q_nb[chosen], samples.w_nb_b_rad_s[chosen]))
-            track = Track(frame_index=samples.frame_index[chosen], t_us=samples.t_boot_us[chosen], rows=rows)
-            tracks.append(track)
-        return Track.in_arrival(tracks)
+_INTS, _VECTORS, _MASK = np.empty(0, np.int64), np.empty((0, 3)), np.empty(0, np.bool_)
+_NO_INERTIAL = Inertial(_INTS, _INTS, _INTS, _VECTORS, _VECTORS, _VECTORS, _VECTORS, _MASK, _MASK)
+
+
+def _seen_rows(n: int) -> SeenRows:
+    """Room for n samples."""
+    return SeenRows(
+        frame_index=np.empty(n, np.int64),
+        t_boot_us=np.empty(n, np.int64),
+        t_rx_us=np.empty(n, np.int64),
+        f_b_m_s2=np.empty((n, 3)),
+        w_b_rad_s=np.empty((n, 3)),
+        m_b_gauss=np.empty((n, 3)),
+        trim_b_rad=np.empty((n, 3)),
+        may_rest=np.empty(n, np.bool_),
+        stands=np.empty(n, np.bool_),
+        q_nb=np.empty((n, 4)),
+        w0_b_rad_s=np.empty((n, 3)),
+        w1_b_rad_s=np.empty((n, 3)),
+        gap_s=np.empty(n),
+        place=np.empty(n),
+    )
 
 
 class PrimaryImu:

@@ -8,6 +8,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -302,6 +303,34 @@ def test_pieces_of_a_damaged_recording_give_the_same(damage: str, timed: bool) -
     """The cut never decides what a gap swallows."""
     data = spoiled(random.Random(damage), damage)[0][:60_000]
     assert_pieces_change_nothing(data, 61, timed=timed)
+
+
+@pytest.mark.parametrize("kind", ["recording", "stream", "datagrams"])
+@pytest.mark.parametrize("damage", ["random", "markers", "length"])
+def test_pieces_scanned_together_give_what_they_give_one_by_one(damage: str, kind: str) -> None:
+    """Several pieces in one call: the same frames with their times and bytes, the same counts; also as datagrams."""
+    dice, timed = random.Random(damage), kind == "recording"
+    data = spoiled(random.Random(damage), damage)[0][:30_000]
+    at = [0, *sorted(dice.sample(range(len(data)), 200)), len(data)]
+    pieces = [data[lo:hi] for lo, hi in pairwise(at)]
+    final = kind == "datagrams"
+    single, together = (Scanner(load_dialect(), timed=timed) for _ in range(2))
+    frames, raw = [], []
+    for t_rx_us, piece in enumerate(pieces):
+        frames.append(single.scan(piece, t_rx_us=t_rx_us, final=final).copy())
+        raw += single.raw_frames()
+    expected = np.concatenate(frames)
+    found, found_raw = [], []
+    for lo in range(0, len(pieces), 7):
+        some = pieces[lo : lo + 7]
+        found.append(together.scan_pieces(some, range(lo, lo + len(some)), final=final))
+        found_raw += together.raw_frames()
+    whole = np.concatenate(found)
+    assert len(whole) > 100
+    for name in sorted(set(expected.dtype.names or ()) - {"payload"}):
+        assert whole[name].tolist() == expected[name].tolist(), name
+    assert found_raw == raw
+    assert together.salvage == single.salvage
 
 
 def test_frames_cut_in_the_middle_of_a_datagram_do_not_join_the_next() -> None:

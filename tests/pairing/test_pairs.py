@@ -72,10 +72,7 @@ def paired(arrived: Sequence[Sample], cuts: Sequence[int] = ()) -> Pairs:
     for lo, hi in pairwise([0, *cuts, len(arrived)]):
         batch = arrived[lo:hi]
         streams = np.array([s.stream for s in batch], np.int64)
-        place = np.concatenate([np.flatnonzero(streams == k) for k in (EULER, QUATERNION)])
-        order = np.empty(len(batch), np.int64)
-        order[place] = np.arange(len(batch))
-        parts.append(aligner.pair(packed(batch, EULER, lo), packed(batch, QUATERNION, lo), order).pairs)
+        parts.append(aligner.pair(packed(batch, EULER, lo), packed(batch, QUATERNION, lo), streams).pairs)
     return Pairs.joined(parts)
 
 

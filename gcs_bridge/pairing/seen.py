@@ -1,0 +1,328 @@
+"""Finds the attitude at the times of other samples, one sample after the other in order of arrival.
+
+A question is answered by the first attitude at or behind its time, so an answer rests on what had arrived by then and
+never on how the samples were cut into batches.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gcs_bridge.attitude._rows import where
+from gcs_bridge.attitude.compiled import put, unit_at, vector_of
+from gcs_bridge.attitude.kinematics import interpolated
+from gcs_bridge.attitude.quaternion import between
+from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.jit import Fields, helper, kernel
+
+ATTITUDE_WIDTH = 7  # of a row of the series: q_nb (4), w_b (3)
+QUERY_WIDTH = 15  # of a question: force, rates, field, trim; whether it may rest, whether it stands; receive time
+FALLBACK_US = 1_000_000  # ATTITUDE stands in for ATTITUDE_QUATERNION after so long a silence of it
+_LATE_US = 1_000_000  # a question this much older than the series, when it comes, is not answered
+_KEPT = 2048  # attitudes in which neighbours are looked for; a power of two
+_PENDING = 1024  # questions that can wait
+_FIRST_ROOM = 16
+
+
+class Series(NamedTuple):
+    """The latest attitudes, each later than all before: rings by position, whose room is a power of two."""
+
+    heard: Int64s  # (1,) how many there were
+    frame_index: Int64s  # (room,)
+    t_us: Int64s
+    rows: Floats  # (room, width)
+
+    def with_room(self, more: int) -> Series:
+        """The same with room for `more`, or for as many as are kept."""
+        needed, room = min(int(self.heard[0]) + more, _KEPT), len(self.t_us)
+        if room >= needed:
+            return self
+        # As long as there is room for all, a position is its place too.
+        larger = new_series(self.rows.shape[1], max(_FIRST_ROOM, 1 << (needed - 1).bit_length()))
+        for new, old in zip(larger, self, strict=True):
+            new[: len(old)] = old
+        return larger
+
+
+def new_series(width: int, room: int = 0) -> Series:
+    """Before the first attitude."""
+    return Series(np.zeros(1, np.int64), np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros((room, width)))
+
+
+class Waiting(NamedTuple):
+    """Questions that no attitude has answered yet, in order of arrival."""
+
+    left: Int64s  # (1,) how many wait
+    latest_us: Int64s  # (1,) of the time of those that were answered
+    frame_index: Int64s  # (room,)
+    t_us: Int64s
+    rows: Floats  # (room, width)
+
+    @property
+    def n(self) -> int:
+        """How many wait."""
+        return int(self.left[0])
+
+    def with_room(self, more: int) -> Waiting:
+        """The same with room for `more`, or for as many as may wait."""
+        needed = min(self.n + more, _PENDING)
+        if len(self.t_us) >= needed:
+            return self
+        larger = new_waiting(self.rows.shape[1], max(_FIRST_ROOM, 2 * needed))
+        for new, old in zip(larger, self, strict=True):
+            new[: len(old)] = old
+        return larger
+
+
+def new_waiting(width: int, room: int = 0) -> Waiting:
+    """With none."""
+    return Waiting(
+        left=np.zeros(1, np.int64),
+        latest_us=np.full(1, -1),
+        frame_index=np.zeros(room, np.int64),
+        t_us=np.zeros(room, np.int64),
+        rows=np.zeros((room, width)),
+    )
+
+
+class Attitudes(NamedTuple):
+    """Samples (n,) of one stream as they came, valid or not."""
+
+    frame_index: Int64s
+    t_us: Int64s
+    q_nb: Floats
+    w_b_rad_s: Floats
+    valid: Mask
+
+
+class Inertial(NamedTuple):
+    """Samples (n,) of an inertial sensor as they came: as in `VehicleImu` of `pairing.references`."""
+
+    frame_index: Int64s
+    t_us: Int64s
+    t_rx_us: Int64s
+    f_b_m_s2: Floats
+    w_b_rad_s: Floats
+    m_b_gauss: Floats
+    trim_b_rad: Floats
+    may_rest: Mask
+    stands: Mask
+
+
+class SeenRows(NamedTuple):
+    """Where inertial samples go whose attitude is known: as `ImuWithAttitude` of `pairing.references`, room for n."""
+
+    frame_index: Int64s
+    t_boot_us: Int64s
+    t_rx_us: Int64s
+    f_b_m_s2: Floats
+    w_b_rad_s: Floats
+    m_b_gauss: Floats
+    trim_b_rad: Floats
+    may_rest: Mask
+    stands: Mask
+    q_nb: Floats
+    w0_b_rad_s: Floats
+    w1_b_rad_s: Floats
+    gap_s: Floats
+    place: Floats
+
+
+# Helpers of the kernels carry no types: numba types them anew wherever they are compiled into one.
+
+
+@helper
+def hear(series, frame_index, t_us, rows, i):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take the next attitude, row `i` of `rows`; whether it is later than all before: another is nobody's neighbour."""
+    last = series.t_us.size - 1
+    n = series.heard[0]
+    if n and t_us <= series.t_us[(n - 1) & last]:
+        return False
+    series.frame_index[n & last], series.t_us[n & last] = frame_index, t_us
+    for column in range(series.rows.shape[1]):
+        series.rows[n & last, column] = rows[i, column]
+    series.heard[0] = n + 1
+    return True
+
+
+@helper
+def neighbours(series, t_us, max_gap_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """Positions of the attitudes before and at or behind a time, which one has reached; −1: none near is kept.
+
+    One at the very time is the one behind; where nothing is near before it, it is both.
+    """
+    last = series.t_us.size - 1
+    first = max(series.heard[0] - _KEPT, 0)
+    behind = series.heard[0] - 1
+    while behind > first and series.t_us[(behind - 1) & last] >= t_us:
+        behind -= 1
+    at_us = series.t_us[behind & last]
+    if behind > first and at_us - series.t_us[(behind - 1) & last] <= max_gap_us:
+        return behind - 1, behind
+    return (behind, behind) if at_us == t_us else (-1, -1)
+
+
+@helper
+def attitude_between(series, before, behind, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """Attitude at a time between two positions, the share of the gap that has passed, and the gap, s (rule M18).
+
+    Along the shortest way where no rates are reported.
+    """
+    last = series.t_us.size - 1
+    one, two = before & last, behind & last
+    gap_us = series.t_us[two] - series.t_us[one]
+    place, gap_s = (t_us - series.t_us[one]) / max(gap_us, 1), gap_us * 1e-6
+    w0, w1 = _rates_at(series.rows, one), _rates_at(series.rows, two)
+    q0, q1 = unit_at(series.rows, one), unit_at(series.rows, two)
+    if gap_us > 0 and (w0[0] != 0 or w0[1] != 0 or w0[2] != 0) and (w1[0] != 0 or w1[1] != 0 or w1[2] != 0):
+        q = interpolated(q0, q1, vector_of(w0[0], w0[1], w0[2]), vector_of(w1[0], w1[1], w1[2]), gap_s, place)[0]
+    else:
+        q = between(q0, q1, place)
+    return q, place, gap_s
+
+
+@helper
+def _rates_at(rows, at):  # type: ignore[no-untyped-def]  # typed by numba
+    """The rates of an attitude, those that are no number as none."""
+    x, y, z = rows[at, 4], rows[at, 5], rows[at, 6]
+    return where(np.isnan(x), 0.0, x), where(np.isnan(y), 0.0, y), where(np.isnan(z), 0.0, z)
+
+
+@kernel
+def choose_reference(
+    stream: Int64s, euler_fields: Fields, quaternion_fields: Fields, heard_us: Int64s,
+    frame_index: Int64s, t_us: Int64s, rows: Floats, counts: Int64s,
+) -> None:  # fmt: skip
+    """Put the valid quaternions down in order of arrival, and the valid Euler angles while no quaternion comes.
+
+    `counts` (3,): samples passed of both streams, and those put down. `heard_us` (1,): the latest quaternion.
+    """
+    euler, quaternion = Attitudes(*euler_fields), Attitudes(*quaternion_fields)
+    for k in stream:
+        if k > 1:
+            continue
+        i = counts[k]
+        counts[k] += 1
+        if k == 0:
+            if euler.valid[i] and euler.t_us[i] - heard_us[0] >= FALLBACK_US:
+                _put_down(euler, i, frame_index, t_us, rows, counts)
+        elif quaternion.valid[i]:
+            heard_us[0] = max(heard_us[0], quaternion.t_us[i])
+            _put_down(quaternion, i, frame_index, t_us, rows, counts)
+
+
+@helper
+def _put_down(samples, i, frame_index, t_us, rows, counts):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take sample `i`."""
+    n = counts[2]
+    counts[2] += 1
+    frame_index[n], t_us[n] = samples.frame_index[i], samples.t_us[i]
+    for column in range(4):
+        rows[n, column] = samples.q_nb[i, column]
+    for column in range(3):
+        rows[n, 4 + column] = samples.w_b_rad_s[i, column]
+
+
+@kernel
+def hear_all(frame_index: Int64s, t_us: Int64s, rows: Floats, series_fields: Fields) -> None:
+    """Take attitudes (n,) about which nothing is asked."""
+    series = Series(*series_fields)
+    for i in range(t_us.size):
+        hear(series, frame_index[i], t_us[i], rows, i)
+
+
+@kernel
+def see_kernel(
+    frame_index: Int64s, t_us: Int64s, rows: Floats, imu_fields: Fields, max_gap_us: int,
+    series_fields: Fields, waiting_fields: Fields, seen_fields: Fields, counts: Int64s,
+) -> None:  # fmt: skip
+    """Take attitudes (n,) and inertial samples in order of arrival; put down samples as their attitude gets known.
+
+    `counts[3]` is how many; those that are not later than one before them are left out.
+    """
+    imu, series = Inertial(*imu_fields), Series(*series_fields)
+    waiting, seen = Waiting(*waiting_fields), SeenRows(*seen_fields)
+    asked = 0
+    for i in range(t_us.size + 1):
+        at_end = i == t_us.size
+        while asked < imu.t_us.size and (at_end or imu.frame_index[asked] < frame_index[i]):
+            _ask(series, waiting, imu, asked, max_gap_us, seen, counts)
+            asked += 1
+        if not at_end and hear(series, frame_index[i], t_us[i], rows, i):
+            _answer_waiting(series, waiting, frame_index[i], max_gap_us, seen, counts)
+
+
+@helper
+def _ask(series, waiting, imu, i, max_gap_us, seen, counts):  # type: ignore[no-untyped-def]  # typed by numba
+    """Let an inertial sample wait, and answer it at once if an attitude has passed it already."""
+    t_us, n = imu.t_us[i], series.heard[0]
+    latest_us = series.t_us[(n - 1) & (series.t_us.size - 1)] if n else t_us - 1
+    if latest_us - t_us > _LATE_US:
+        return
+    if waiting.left[0] == _PENDING:
+        _drop_first(waiting)
+    at = waiting.left[0]
+    waiting.left[0] += 1
+    waiting.frame_index[at], waiting.t_us[at] = imu.frame_index[i], t_us
+    row = waiting.rows[at]
+    for axis in range(3):
+        row[axis], row[3 + axis] = imu.f_b_m_s2[i, axis], imu.w_b_rad_s[i, axis]
+        row[6 + axis], row[9 + axis] = imu.m_b_gauss[i, axis], imu.trim_b_rad[i, axis]
+    row[12], row[13], row[14] = imu.may_rest[i], imu.stands[i], imu.t_rx_us[i]
+    if latest_us >= t_us:
+        _answer_waiting(series, waiting, imu.frame_index[i], max_gap_us, seen, counts)
+
+
+@helper
+def _drop_first(waiting):  # type: ignore[no-untyped-def]  # typed by numba
+    """Give up the oldest question."""
+    waiting.left[0] -= 1
+    for at in range(waiting.left[0]):
+        _move(waiting, at + 1, at)
+
+
+@helper
+def _move(waiting, at, to):  # type: ignore[no-untyped-def]  # typed by numba
+    """Put a question in another place."""
+    waiting.frame_index[to], waiting.t_us[to] = waiting.frame_index[at], waiting.t_us[at]
+    for column in range(waiting.rows.shape[1]):
+        waiting.rows[to, column] = waiting.rows[at, column]
+
+
+@helper
+def _answer_waiting(series, waiting, frame_index, max_gap_us, seen, counts):  # type: ignore[no-untyped-def]  # typed by numba
+    """Answer the questions that the latest attitude has reached, with the frame `frame_index`; the others wait on."""
+    latest_us = series.t_us[(series.heard[0] - 1) & (series.t_us.size - 1)]
+    left = 0
+    for at in range(waiting.left[0]):
+        t_us = waiting.t_us[at]
+        if t_us > latest_us:
+            if left < at:
+                _move(waiting, at, left)
+            left += 1
+            continue
+        before, behind = neighbours(series, t_us, max_gap_us)
+        if behind >= 0 and t_us > waiting.latest_us[0]:
+            waiting.latest_us[0] = t_us
+            _see(series, before, behind, waiting, at, frame_index, seen, counts)
+    waiting.left[0] = left
+
+
+@helper
+def _see(series, before, behind, waiting, at, frame_index, seen, counts):  # type: ignore[no-untyped-def]  # typed by numba
+    """Put a sample down, with the attitude at its time."""
+    t_us, n, row = waiting.t_us[at], counts[3], waiting.rows[at]
+    last = series.t_us.size - 1
+    q, place, gap_s = attitude_between(series, before, behind, t_us)
+    put(q, seen.q_nb, n)
+    seen.place[n], seen.gap_s[n] = place, gap_s
+    for axis in range(3):
+        seen.w0_b_rad_s[n, axis] = series.rows[before & last, 4 + axis]
+        seen.w1_b_rad_s[n, axis] = series.rows[behind & last, 4 + axis]
+        seen.f_b_m_s2[n, axis], seen.w_b_rad_s[n, axis] = row[axis], row[3 + axis]
+        seen.m_b_gauss[n, axis], seen.trim_b_rad[n, axis] = row[6 + axis], row[9 + axis]
+    seen.may_rest[n], seen.stands[n], seen.t_rx_us[n] = row[12] != 0, row[13] != 0, row[14]
+    seen.frame_index[n], seen.t_boot_us[n] = frame_index, t_us
+    counts[3] = n + 1
