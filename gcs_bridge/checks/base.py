@@ -249,14 +249,14 @@ class Check(ABC):
         """Where its alarms are, in the order of its specs."""
         return tuple(map(ballot.place_of, self.alarm_specs))
 
-    def _watching(self, samples: int) -> Watched:
-        """What a kernel needs to count so many samples."""
-        return Watched(self._watched, *self.residual.room(samples))
+    def _watching(self, samples: int) -> Fields:
+        """The fields of `Watched`, with room for so many samples."""
+        return self._watched, *self.residual.room(samples)
 
     def _watch(self, t_us: Int64s, value: Floats, judged: Mask) -> None:
         """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""
         if len(t_us):
-            watch_all(tuple(self._watching(len(t_us))), t_us, value, judged)
+            watch_all(self._watching(len(t_us)), t_us, value, judged)
 
 
 def rated(

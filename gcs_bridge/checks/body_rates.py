@@ -38,7 +38,7 @@ class BodyRates(Check):
         if n := len(pairs):
             rate_differences(
                 tuple(ballot.votes(2 * n)),
-                tuple(self._watching(n)),
+                self._watching(n),
                 self._places(ballot),
                 self._limits,
                 pairs.frame_index,

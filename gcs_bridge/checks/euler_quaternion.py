@@ -156,7 +156,7 @@ class EulerQuaternion(Check):
         )
         judge_pairs(
             tuple(ballot.votes(2 * n)),
-            tuple(self._watching(n)),
+            self._watching(n),
             tuple(self.raw.room(n)),
             tuple(self.tilt.room(n)),
             tuple(self.heading.room(n)),

@@ -84,7 +84,7 @@ class Kinematics(Check):
         if n:
             judge_steps(
                 tuple(ballot.votes(2 * n)),
-                tuple(self._watching(n)),
+                self._watching(n),
                 self._places(ballot),
                 tuple(self._limits),
                 self._turning,
