@@ -56,7 +56,8 @@ def _compiled(function: Kernel, **options: Any) -> Kernel:
     options |= {"nogil": True, "error_model": "numpy"}
     try:
         return decorate(_nrt=False, **options)(function)  # type: ignore[no-any-return]  # untyped in numba
-    except KeyError:  # an option of numba's own use: one day it may be gone
+    except KeyError:  # options of numba's own use: one day they may be gone
+        options.pop("forceinline", None)
         return decorate(**options)(function)  # type: ignore[no-any-return]
 
 
@@ -115,6 +116,14 @@ def _load_without_compiler(compiled: Any) -> None:
 def helper(function: Callable[..., Any]) -> Any:
     """Compile what kernels call: it becomes part of theirs, and is typed there."""
     return _compiled(function)
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """As `helper`, for what is short and called at several places.
+
+    A call hands over every array word by word, which takes longer than what such a function does.
+    """
+    return _compiled(function, forceinline=True)
 
 
 def share(*functions: Callable[..., Any]) -> None:

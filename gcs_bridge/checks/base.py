@@ -86,6 +86,15 @@ def is_known(numbers):  # type: ignore[no-untyped-def]  # typed by numba
     return known
 
 
+@kernel
+def all_known(rows: Floats) -> bool:
+    """Whether all samples (n, k) hold numbers only."""
+    known = True
+    for row in rows:
+        known &= is_known(row)
+    return known
+
+
 class Break(NamedTuple):
     """A comparison became unable to run, or able again, with a frame."""
 
@@ -103,16 +112,16 @@ class Usable:
         self.breaks: list[Break] = []
         self._unknown = 0
 
-    def follow(self, known: Mask, t_us: Int64s, frame_index: Int64s) -> None:
-        """Take the next samples, `known` (n,) where their numbers mean something."""
+    def follow(self, numbers: Floats, t_us: Int64s, frame_index: Int64s) -> None:
+        """Take the next samples (n, k): those with NaN in them mean nothing."""
         self.breaks = []
-        if known.all() and not self.broken:
+        if not self.broken and all_known(numbers):
             self._unknown = 0
             return
-        for row, is_known in enumerate(known.tolist()):
-            self._unknown = 0 if is_known else self._unknown + 1
-            if self.broken == is_known and (is_known or self._unknown >= _UNKNOWN_SAMPLES):
-                self.broken = not is_known
+        for row, means in enumerate(finite(numbers).tolist()):
+            self._unknown = 0 if means else self._unknown + 1
+            if self.broken == means and (means or self._unknown >= _UNKNOWN_SAMPLES):
+                self.broken = not means
                 self.breaks.append(Break(int(frame_index[row]), int(t_us[row]), self.broken))
 
 
@@ -316,10 +325,11 @@ class ImuCheck(Check):
         self._usable.breaks = []
         if batch.imu is not None:
             self._scale = batch.imu.scale
-            self._usable.follow(finite(getattr(batch.imu, self.judges)), batch.imu.t_boot_us, batch.imu.frame_index)
+            self._usable.follow(getattr(batch.imu, self.judges), batch.imu.t_boot_us, batch.imu.frame_index)
+        if self._usable.breaks:
             signals = [(one.frame_index, Signal.BROKEN if one.broken else Signal.FOUND) for one in self._usable.breaks]
-            for spec in self.alarm_specs:
-                ballot.signal(ballot.place_of(spec), signals)
+            for place in self._places(ballot):
+                ballot.signal(place, signals)
 
     @property
     def broken(self) -> str | None:
