@@ -148,6 +148,11 @@ class Live:
         names = [link.name for link in self._links]
         self.events += [json.loads(event_json(event, link_name(event, names))) for event in told]
 
+    @property
+    def thread_id(self) -> int | None:
+        """As the system calls the thread."""
+        return self._thread.native_id
+
     def __enter__(self) -> "Live":
         self._thread.start()
         wait_until(lambda: self.names().count("link_up") == len(self._links))
