@@ -328,8 +328,10 @@ class VehicleJudge:
         own = {}
         for name, samples in batch.imu.items():
             mine = (samples.boot == boot.index) & (samples.t_boot_us >= 0) & (samples.frame_index >= boot.frame_index)
-            if mine.any():
-                own[name] = samples.where(mine)
+            if mine.all():
+                own[name] = samples
+            elif mine.any():
+                own[name] = samples[mine]
         chosen = boot.imu.take(own)
         if chosen is None:
             return None

@@ -1,4 +1,4 @@
-"""Time limits on a machine that is busy with other things: waiting for a processor is told from waiting for somebody."""
+"""Time limits on a busy machine: waiting for a processor is told from waiting for somebody."""
 
 import threading
 from pathlib import Path
