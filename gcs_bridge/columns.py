@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Generic, Self, TypeVar
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Generic, Self, TypeVar, dataclass_transform
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,28 @@ Rows = slice | Int64s | Mask
 """Some rows of arrays: a slice, their indices or a mask."""
 
 
+T = TypeVar("T")
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+def record(cls: type[T]) -> type[T]:
+    """As `dataclass(frozen=True, kw_only=True)`, made in a third of the time where every field is given.
+
+    A short batch spends more on its records than on all that it computes.
+    """
+    made = dataclass(frozen=True, kw_only=True)(cls)
+    names, init = frozenset(one.name for one in fields(made)), made.__init__  # type: ignore[arg-type]
+
+    def __init__(self: Any, **given: Any) -> None:  # noqa: N807  it is one
+        if given.keys() == names:
+            self.__dict__.update(given)
+        else:  # defaults, or a wrong call: Python says what is wrong with it
+            init(self, **given)
+
+    made.__init__ = __init__  # type: ignore[method-assign]
+    return made
+
+
 class Columns:
     """A record of arrays, one row a sample: a subclass is a frozen, keyword-only dataclass that declares them.
 
@@ -24,8 +46,10 @@ class Columns:
     whole record, and go with any part of it.
     """
 
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
     def __len__(self) -> int:
-        return len(next(iter(self.__dict__.values())))
+        return len(self.__dict__[next(iter(self.__dataclass_fields__))])
 
     def __getitem__(self, rows: Rows) -> Self:
         """Some of the rows."""
@@ -35,6 +59,10 @@ class Columns:
             {name: of[rows] if isinstance(of, np.ndarray) else of for name, of in self.__dict__.items()}
         )
         return part
+
+    def first(self, n: int) -> Self:
+        """The first `n` rows: the record itself where there are no more."""
+        return self if len(self) == n else self[:n]
 
     def where(self, mask: Mask) -> Self:
         """The rows (n,) that are true: the record itself where all are."""

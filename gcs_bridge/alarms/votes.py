@@ -62,6 +62,7 @@ CHANGE = np.dtype(
         ("frame_index", "i8"),
         ("before", "i8"),
         ("after", "i8"),
+        ("by", "i8"),  # place in Signal
         ("t_us", "i8"),
         ("onset_us", "i8"),
         ("worst", "f8"),
@@ -196,16 +197,16 @@ def _go(votes, a, frame_index, signal):  # type: ignore[no-untyped-def]  # typed
         alarm.shorts += 1
     alarm.since_us = alarm.now_us
     alarm.state = after
-    _write(votes, a, frame_index, before, alarm.now_us)
+    _write(votes, a, frame_index, before, signal, alarm.now_us)
 
 
 @helper
-def _write(votes, a, frame_index, before, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _write(votes, a, frame_index, before, by, t_us):  # type: ignore[no-untyped-def]  # typed by numba
     """Put down where the alarm is with a frame, and what it was before."""
     alarm, change = votes.alarm[a], votes.change[votes.changes[0]]
     votes.changes[0] += 1
     change.alarm, change.frame_index, change.before, change.after = a, frame_index, before, alarm.state
-    change.t_us, change.onset_us, change.worst = t_us, alarm.onset_us, alarm.worst
+    change.by, change.t_us, change.onset_us, change.worst = by, t_us, alarm.onset_us, alarm.worst
     for i in range(5):
         change.worst_detail[i] = alarm.worst_detail[i]
 
@@ -221,7 +222,7 @@ def _pass_signals(votes, a, frame_index):  # type: ignore[no-untyped-def]  # typ
         if by != _NO_SIGNAL:
             alarm.state = NEXT[before, by]
         if alarm.state != before or by == _NO_SIGNAL:
-            _write(votes, a, at, before, 0)
+            _write(votes, a, at, before, by, 0)
 
 
 @kernel
@@ -357,6 +358,7 @@ class Ballot:
                 Change(
                     before=_STATES[one["before"]],
                     state=_STATES[one["after"]],
+                    by=None if one["by"] == _NO_SIGNAL else _SIGNALS[one["by"]],
                     t_boot_us=int(one["t_us"]),
                     worst=Worst(float(one["worst"]), one["worst_detail"].copy()),
                     onset_us=int(one["onset_us"]),

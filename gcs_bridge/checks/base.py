@@ -72,6 +72,12 @@ def watch_all(fields: Fields, t_us: Int64s, value: Floats, judged: Mask) -> None
 
 
 @helper
+def row_at(v, row):  # type: ignore[no-untyped-def]  # typed by numba
+    """Row `row` of v (n, 3), as it is."""
+    return v[row, 0], v[row, 1], v[row, 2]
+
+
+@helper
 def is_known(numbers):  # type: ignore[no-untyped-def]  # typed by numba
     """As `finite`: whether a sample holds numbers only."""
     known = True
@@ -252,14 +258,14 @@ class Check(ABC):
         """Where its alarms are, in the order of its specs."""
         return tuple(map(ballot.place_of, self.alarm_specs))
 
-    def _watching(self, samples: int) -> Watched:
-        """What a kernel needs to count so many samples."""
-        return Watched(self._watched, *self.residual.room(samples))
+    def _watching(self, samples: int) -> Fields:
+        """The fields of `Watched`, with room for so many samples."""
+        return self._watched, *self.residual.room(samples)
 
     def _watch(self, t_us: Int64s, value: Floats, judged: Mask) -> None:
         """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""
         if len(t_us):
-            watch_all(tuple(self._watching(len(t_us))), t_us, value, judged)
+            watch_all(self._watching(len(t_us)), t_us, value, judged)
 
 
 def rated(

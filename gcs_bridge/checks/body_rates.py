@@ -8,7 +8,7 @@ import numpy as np
 
 from gcs_bridge.alarms.votes import Ballot, Votes, vote
 from gcs_bridge.attitude.quaternion import length
-from gcs_bridge.checks.base import Check, Watched, watch
+from gcs_bridge.checks.base import Check, Watched, row_at, watch
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.columns import Floats, Int64s, Mask
 from gcs_bridge.jit import Fields, kernel
@@ -38,7 +38,7 @@ class BodyRates(Check):
         if n := len(pairs):
             rate_differences(
                 tuple(ballot.votes(2 * n)),
-                tuple(self._watching(n)),
+                self._watching(n),
                 self._places(ballot),
                 self._limits,
                 pairs.frame_index,
@@ -70,7 +70,7 @@ def rate_differences(
     for i in range(t_us.size):
         if not same_instant[i]:
             continue
-        x, y, z = difference[i, 0], difference[i, 1], difference[i, 2]
+        x, y, z = row_at(difference, i)
         value, allowed = length((x, y, z)), unsteady[i]
         judged = np.isfinite(value) and np.isfinite(allowed)
         watch(watched, t_us[i], value, judged)

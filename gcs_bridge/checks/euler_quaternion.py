@@ -17,7 +17,7 @@ from gcs_bridge.alarms.votes import Ballot, Votes, vote
 from gcs_bridge.attitude.compiled import put, ray_at
 from gcs_bridge.attitude.gravity import down_of
 from gcs_bridge.attitude.quaternion import angle_of, conjugated, length, logarithm, product, tilt_heading_of, turned
-from gcs_bridge.checks.base import Check, Numbers, Watched, is_known
+from gcs_bridge.checks.base import Check, Numbers, Watched, is_known, row_at
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles, Waiting, note
 from gcs_bridge.checks.windows import Sliding, SlidingSums, slide_in
@@ -156,7 +156,7 @@ class EulerQuaternion(Check):
         )
         judge_pairs(
             tuple(ballot.votes(2 * n)),
-            tuple(self._watching(n)),
+            self._watching(n),
             tuple(self.raw.room(n)),
             tuple(self.tilt.room(n)),
             tuple(self.heading.room(n)),
@@ -302,7 +302,7 @@ def judge_pairs(
         if found.counted[i]:
             of.counted += 1
             of.bad += angle > limit
-            detail = _detail(found, i, _row(found.rotvec_body, i))
+            detail = _detail(found, i, row_at(found.rotvec_body, i))
             vote(votes, places[0], pairs.frame_index[i], pairs.t_boot_us[i], angle, limit, detail)
         if angle <= limit and pairs.t_boot_us[i] > of.latest_us and np.isfinite(found.rotvec_body[i, 0]):
             of.latest_us = pairs.t_boot_us[i]
@@ -349,7 +349,7 @@ def _apart(a, b, i):  # type: ignore[no-untyped-def]  # typed by numba
 @helper
 def _follow_lag(pairs, i, of, found):  # type: ignore[no-untyped-def]  # typed by numba
     """Sum up, pair after pair, how the difference goes along the rate: a stamp that is late makes it so."""
-    w, turn = _row(pairs.w_nb_b_rad_s, i), _row(found.rotvec_body, i)
+    w, turn = row_at(pairs.w_nb_b_rad_s, i), row_at(found.rotvec_body, i)
     if is_known(w) and is_known(turn) and length(w) < _GREATEST_RATE_RAD_S:
         of.along_rate += w[0] * turn[0] + w[1] * turn[1] + w[2] * turn[2]
         of.rate_squared += w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
@@ -366,7 +366,7 @@ def _is_withheld(pairs, i, of, found, may_be_fixed_wing):  # type: ignore[no-unt
     before_us, of.bad_us = of.bad_us, max(of.bad_us, pairs.t_boot_us[i])
     if of.bad_us - before_us > _CALM_US:
         of.onset_us = of.bad_us
-    x, _, z = _row(found.rotvec_body, i)
+    x, _, z = row_at(found.rotvec_body, i)
     angle, limit = found.angle[i], found.limit[i]
     about_y = np.hypot(x, z) <= _OFF_AXIS * angle + limit
     q_nb, norm2 = ray_at(pairs.q_quaternion, i)
@@ -385,8 +385,8 @@ def _rate_mean(votes, place, pairs, i, limits, sums, found):  # type: ignore[no-
     t_us, bound = pairs.t_boot_us[i], pairs.bound_rad[i]
     weight = 1.0 / ((_WEIGHT_FLOOR_RAD + bound) * (_WEIGHT_FLOOR_RAD + bound))
     spread = weight * bound
-    bx, by, bz = _row(found.rotvec_body, i)
-    wx, wy, wz = _row(found.rotvec_world, i)
+    bx, by, bz = row_at(found.rotvec_body, i)
+    wx, wy, wz = row_at(found.rotvec_world, i)
     row = weight, spread * spread, weight * bx, weight * by, weight * bz, weight * wx, weight * wy, weight * wz
     count, since_us = slide_in(sums, t_us, row)
     if count < limits.mean_pairs or t_us - since_us < 0.5e6 * limits.mean_window_s:
@@ -402,11 +402,6 @@ def _rate_mean(votes, place, pairs, i, limits, sums, found):  # type: ignore[no-
 @helper
 def _detail(found, i, turn):  # type: ignore[no-untyped-def]  # typed by numba
     return found.tilt[i], found.heading[i], turn[0], turn[1], turn[2]
-
-
-@helper
-def _row(of, i):  # type: ignore[no-untyped-def]  # typed by numba
-    return of[i, 0], of[i, 1], of[i, 2]
 
 
 _NOTHING = Disagreement(

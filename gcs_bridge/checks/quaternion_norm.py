@@ -37,7 +37,7 @@ class QuaternionNorm(Check):
         if n := len(came):
             rate_norms(
                 tuple(ballot.votes(2 * n)),
-                tuple(self._watching(n)),
+                self._watching(n),
                 self._places(ballot),
                 self._limits,
                 came.frame_index,

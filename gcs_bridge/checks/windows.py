@@ -29,8 +29,7 @@ class Sliding(NamedTuple):
 
     of: Int64s  # (3,) how long the window is, µs; the samples from `first` up to `end` are in it
     t_us: Int64s  # (room,) of each sample
-    before: Floats  # (room, width) the running sum before each
-    total: Floats  # (width,) the running sum from the boot on
+    before: Floats  # (room + 1, width) the running sum, from the boot on, before each
     sums: Floats  # (width,) of the samples in the window
 
 
@@ -44,16 +43,15 @@ def slide_in(sliding, t_us, row):  # type: ignore[no-untyped-def]  # typed by nu
     Then `sums` are over the window that ends with it. Returns of how many samples they are, and since when, µs. One
     running sum goes from the boot on, one row after the other: the bits are the same however the samples were cut.
     """
-    of, end = sliding.of, sliding.of[_END]
+    of, before, end = sliding.of, sliding.before, sliding.of[_END]
     sliding.t_us[end] = t_us
     for column in range(len(row)):
-        sliding.before[end, column] = sliding.total[column]
-        sliding.total[column] += row[column]
+        before[end + 1, column] = before[end, column] + row[column]
     first = of[_FIRST]
     while sliding.t_us[first] <= t_us - of[_WINDOW_US]:
         first += 1
     for column in range(len(row)):
-        sliding.sums[column] = sliding.total[column] - sliding.before[first, column]
+        sliding.sums[column] = before[end + 1, column] - before[first, column]
     of[_FIRST], of[_END] = first, end + 1
     return end + 1 - first, sliding.t_us[first]
 
@@ -106,8 +104,7 @@ class SlidingSums:
         self._sliding = Sliding(
             of=np.array([round(window_s * 1e6), 0, 0]),
             t_us=np.empty(_FEW, np.int64),
-            before=np.empty((_FEW, width)),
-            total=np.zeros(width),
+            before=np.zeros((_FEW + 1, width)),
             sums=np.zeros(width),
         )
 
@@ -118,8 +115,8 @@ class SlidingSums:
             first, end = sliding.of[_FIRST:].tolist()
             kept = end - first
             room = max(len(sliding.t_us), 2 * kept + samples)  # moved to the front once in `kept` samples at most
-            t_us, before = np.empty(room, np.int64), np.empty((room, len(sliding.total)))
-            t_us[:kept], before[:kept] = sliding.t_us[first:end], sliding.before[first:end]
+            t_us, before = np.empty(room, np.int64), np.empty((room + 1, len(sliding.sums)))
+            t_us[:kept], before[: kept + 1] = sliding.t_us[first:end], sliding.before[first : end + 1]
             sliding.of[_FIRST:] = 0, kept
             self._sliding = sliding = sliding._replace(t_us=t_us, before=before)
         return sliding

@@ -12,7 +12,7 @@ import numpy as np
 from gcs_bridge.attitude.compiled import ray_at, vector_of
 from gcs_bridge.attitude.euler import quaternion_of_rpy
 from gcs_bridge.attitude.quaternion import angle_of, conjugated, exponential, product
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, Int64s, Mask, Records
 from gcs_bridge.expected.pairs import (
     BANK_RAD,
     IN_A_ROW,
@@ -42,13 +42,18 @@ class Expectation(NamedTuple):
     fitted: bool
 
 
-class Learnt(NamedTuple):
-    """What a view learns on the way: numbers that a kernel changes."""
-
-    agreements: Int64s  # (1,) pairs in a row that agree
-    is_banked: Mask  # (1,)
-    like: Mask  # (2,) whether a fitted pitch trim may still be a mount offset, a wrong sign
-    pitch_range: Floats  # (2,)
+LEARNT = np.dtype(
+    [
+        ("agreements", "i8"),  # pairs in a row that agree
+        ("is_banked", "?"),  # both forms agreed in a bank: there is no AHRS_TRIM that shows
+        ("is_confirmed", "?"),  # some pairs agreed with the correction
+        ("like_mount", "?"),  # so far a fitted pitch trim may be a mount offset
+        ("like_sign", "?"),  # or a wrong sign
+        ("lowest_rad", "f8"),  # pitch that confirmed a fit
+        ("highest_rad", "f8"),
+    ]
+)
+"""What pairs that are no news teach a view on the way."""
 
 
 class Rows(NamedTuple):
@@ -217,19 +222,19 @@ def _take_pair(expected, tails, learnt, frame_index, t_us, rpy, r, q, i):  # typ
     if abs(pitch) > STEEP_RAD:
         return True
     angle = angle_of(product(conjugated(_undone(expected, roll, pitch, rpy[r, 2])), ray_at(q, i)[0]))
-    agreements = learnt.agreements[0] + 1
+    agreements = learnt.agreements + 1
     in_a_row = agreements >= IN_A_ROW
     banked = in_a_row and abs(roll) > BANK_RAD
     if angle > expected.limit_rad or (in_a_row and not expected.settled) or (banked and expected.wants_bank):
         return False
-    learnt.agreements[0] = agreements
-    learnt.is_banked[0] |= banked
+    learnt.agreements = agreements
+    learnt.is_banked, learnt.is_confirmed = learnt.is_banked or banked, learnt.is_confirmed or in_a_row
     if expected.fitted:
         trim = expected.pitch_rad
-        learnt.like[0] &= abs(trim * np.sin(roll)) <= TOLD_APART * NOISE_RAD
-        learnt.like[1] &= abs(trim + 2.0 * pitch) <= TOLD_APART * NOISE_RAD
-        learnt.pitch_range[0] = min(learnt.pitch_range[0], pitch)
-        learnt.pitch_range[1] = max(learnt.pitch_range[1], pitch)
+        like_mount, like_sign = abs(trim * np.sin(roll)), abs(trim + 2.0 * pitch)
+        learnt.like_mount = learnt.like_mount and like_mount <= TOLD_APART * NOISE_RAD
+        learnt.like_sign = learnt.like_sign and like_sign <= TOLD_APART * NOISE_RAD
+        learnt.lowest_rad, learnt.highest_rad = min(learnt.lowest_rad, pitch), max(learnt.highest_rad, pitch)
     last_us = _latest_us(tails.recent)
     if tails.recent.held[0] == 0 or t_us // SPARSE_US != last_us // SPARSE_US:
         _remember_pair(tails.sparse, frame_index, t_us, rpy, r, q, i)
@@ -239,7 +244,7 @@ def _take_pair(expected, tails, learnt, frame_index, t_us, rpy, r, q, i):  # typ
 
 @kernel
 def pass_quietly(
-    euler_fields: Fields, quaternion_fields: Fields, expectation: Fields, tail_fields: Fields, learnt_fields: Fields,
+    euler_fields: Fields, quaternion_fields: Fields, expectation: Fields, tail_fields: Fields, learns: Records,
     passed: Int64s,
 ) -> None:  # fmt: skip
     """Take samples of both streams, in order of arrival, up to the first that completes a pair which is news.
@@ -249,7 +254,7 @@ def pass_quietly(
     euler, quaternion, expected = Samples(*euler_fields), Samples(*quaternion_fields), Expectation(*expectation)
     of_euler, of_quaternion, recent, sparse = tail_fields
     tails = Tails(Rows(*of_euler), Rows(*of_quaternion), Rows(*recent), Rows(*sparse))
-    learnt = Learnt(*learnt_fields)
+    learnt = learns[0]
     e, q = passed[0], passed[1]
     while e < euler.t_us.size or q < quaternion.t_us.size:
         if q == quaternion.t_us.size or (e < euler.t_us.size and euler.frame_index[e] <= quaternion.frame_index[q]):

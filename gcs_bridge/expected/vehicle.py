@@ -74,6 +74,11 @@ class Corrected(FrameColumns):
         return q_nb
 
     @property
+    def undoes(self) -> bool:
+        """Whether anything was undone."""
+        return len(self.corrections) > 1
+
+    @property
     def trim_b_rad(self) -> Floats:
         """AHRS_TRIM as it was undone in each of the samples: the turn (n, 3) from the body's axes to the IMU's."""
         return np.array([(one.trim_x_rad, one.trim_y_rad, 0.0) for one in self.corrections])[self.applied]
@@ -197,9 +202,10 @@ class Expected:
             upto = self._pass_quietly(euler, quaternion, done)
             more = 2 * more if upto == done else _CLOSELY
             if upto[0] > done[0]:
-                rows = slice(done[0], upto[0])
-                untold[rows] = self._views[FORWARD].untold
-                yield from self._undo(_one_view(euler[rows]), done[0])
+                forward, rows = self._views[FORWARD], slice(done[0], upto[0])
+                untold[rows] = forward.untold
+                if forward.correction != NOTHING:
+                    yield from self._undo(_one_view(euler[rows]), done[0])
             if upto == n:
                 return
             done, upto = upto, _some(euler, quaternion, upto, more)
@@ -219,21 +225,16 @@ class Expected:
         if not self._tails_hold:
             fill_tails(self._tails, self._euler, self._quaternion, forward.recent, forward.sparse)
             self._tails_hold = True
-        passed, learnt = np.array(done), forward.to_learn()
-        tails = tuple(map(tuple, self._tails))
+        passed = np.array(done)
         samples = tuple(_euler_of(euler)), tuple(_quaternion_of(quaternion))
-        pass_quietly(*samples, tuple(expectation), tails, tuple(learnt), passed)
-        forward.learnt(learnt)
-        upto = int(passed[0]), int(passed[1])
-        frame_indices = [
-            int(of.frame_index[end - 1])
-            for of, start, end in zip((euler, quaternion), done, upto, strict=True)
-            if end > start
-        ]
-        self._done = max([self._done, *frame_indices])
-        if upto[0] > done[0]:
+        pass_quietly(*samples, tuple(expectation), tuple(map(tuple, self._tails)), forward.learnt, passed)
+        e, q = passed.tolist()
+        if e > done[0]:
+            self._done = max(self._done, int(euler.frame_index[e - 1]))
             self._shown, self._astray_since_us = FORWARD, -1
-        return upto
+        if q > done[1]:
+            self._done = max(self._done, int(quaternion.frame_index[q - 1]))
+        return e, q
 
     def _unload_tails(self) -> None:
         """Have the latest samples, and the pairs of the view, where a closer look wants them."""

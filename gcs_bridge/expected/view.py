@@ -30,7 +30,7 @@ from gcs_bridge.expected.pairs import (
     run_lengths,
     turn_about,
 )
-from gcs_bridge.expected.quiet import Expectation, Learnt
+from gcs_bridge.expected.quiet import LEARNT, Expectation
 
 _MOST_PITCH_RAD = math.radians(15.0)  # a larger one is not fitted
 _FIT_FIRST = (3, 4, 6, 8)  # denials after which two numbers are fitted,
@@ -56,36 +56,34 @@ class View:
         self.fitted = 0  # causes of it that were fitted
         self.proven = False  # the motion has told the fit from other forms: what denies it now is a fault beside it
         self.switched = False  # a fitted view was seen to go with the mode
-        self.like_mount = self.like_sign = False  # so far a fitted pitch trim may be one of these
         self.settled = False  # both forms agreed before: a new difference may be a fault
-        self._banked = False  # both forms agreed in a bank: there is no AHRS_TRIM that shows
         self._noise_rad = noise_rad
         self._pitch_moves_rad = 2.0 * TOLD_APART * noise_rad  # so much, and the fit is no wrong sign
         self._comes_and_goes = comes_and_goes
-        self._pitch_range: tuple[float, float] = (math.inf, -math.inf)
-        self._confirmed = False  # some pairs agreed with the correction
+        self.learnt = np.zeros(1, LEARNT)
+        self.learnt["lowest_rad"], self.learnt["highest_rad"] = math.inf, -math.inf
         self._expected: tuple[Correction, ...] = (NOTHING,)  # what was told, and what may hold instead of it
         self._open = 0  # causes that may be fitted
         self.recent = self.sparse = NO_CLEAN_PAIRS  # the latest pairs, and one a second
-        self._denials = self._agreements = 0  # pairs in a row, up to the last one kept
+        self._denials = 0  # pairs in a row, up to the last one kept
         self._scanned = (np.empty(0, np.int64), np.empty(0, np.int64))  # the same up to each pair scanned
 
     def start_boot(self) -> None:
         """Pairs of the boot before say nothing any more; the correction still holds, as parameters do."""
         self.recent = self.sparse = NO_CLEAN_PAIRS
-        self._denials = self._agreements = 0
+        self._denials, self.learnt["agreements"] = 0, 0
 
     def take_over(self, other: View) -> None:
         """The latest pairs, which were taken for the other view's, may have been this one's."""
         self.recent = other.recent
-        self._denials = self._agreements = 0
+        self._denials, self.learnt["agreements"] = 0, 0
         if len(other.recent):
             self._denials = int(run_lengths(self._denied(other.recent), 0)[-1])
 
     @property
     def untold(self) -> int:
         """Causes that may be in the angles and are not undone: not told, not fitted, and nothing has ruled them out."""
-        return self._open & ~self.fitted & ~(AHRS_TRIM if self._banked else 0)
+        return self._open & ~self.fitted & ~(AHRS_TRIM if self.learnt["is_banked"][0] else 0)
 
     @property
     def denied(self) -> bool:
@@ -110,7 +108,7 @@ class View:
             return None
         denied = self._denied(pairs)
         denials = run_lengths(denied, self._denials)
-        agreements = run_lengths(~denied, self._agreements)
+        agreements = run_lengths(~denied, self.learnt["agreements"][0])
         self._scanned = denials, agreements
         steps = [CorrectionChange(at, self.correction, self.fitted) for at in self._learns(pairs, denials, agreements)]
         hot = denials >= IN_A_ROW
@@ -160,16 +158,16 @@ class View:
             return NOTHING
         denials, agreements = (counts[: len(pairs)] for counts in self._scanned)
         self.settled |= bool(self._settling(pairs, agreements).any())
-        self._banked |= bool(_banking(pairs, agreements).any())
-        self._denials, self._agreements = int(denials[-1]), int(agreements[-1])
-        self._confirmed |= bool((agreements >= IN_A_ROW).any())
+        self.learnt["is_banked"] |= _banking(pairs, agreements).any()
+        self._denials, self.learnt["agreements"] = int(denials[-1]), agreements[-1]
+        self.learnt["is_confirmed"] |= (agreements >= IN_A_ROW).any()
         self._test(pairs[denials == 0])
         seen = self.recent.then(pairs)
         self.sparse = self.sparse.then(seen[self._one_a_second(seen)])[-RECENT:]
         self.recent = seen[-RECENT:]
         if step is None or step.correction == self.correction:
             return NOTHING
-        dropped = NOTHING if self._confirmed or self.fitted else self.correction
+        dropped = NOTHING if self.learnt["is_confirmed"][0] or self.fitted else self.correction
         self._hold(step)
         self._test(self.recent[-IN_A_ROW:])
         return dropped
@@ -182,57 +180,38 @@ class View:
             *self.correction,
             limit_rad=TOLD_APART * self._noise_rad,
             settled=self.settled,
-            wants_bank=bool(self._open & AHRS_TRIM) and not self._banked,
+            wants_bank=bool(self._open & AHRS_TRIM and not self.learnt["is_banked"][0]),
             fitted=self.fitted != 0,
         )
-
-    def to_learn(self) -> Learnt:
-        """Where a kernel may put down what pairs teach that are no news; to be given back to `learnt`."""
-        return Learnt(
-            agreements=np.array([self._agreements]),
-            is_banked=np.array([self._banked]),
-            like=np.array([self.like_mount, self.like_sign]),
-            pitch_range=np.array(self._pitch_range),
-        )
-
-    def learnt(self, by: Learnt) -> None:
-        """Take what pairs have taught that were no news."""
-        self._agreements = int(by.agreements[0])
-        self._confirmed |= self._agreements >= IN_A_ROW
-        self._banked = bool(by.is_banked[0])
-        self.like_mount, self.like_sign = by.like.tolist()
-        self._pitch_range = tuple(by.pitch_range.tolist())
 
     def alternatives(self) -> list[str]:
         """What else the pairs may be, instead of what was fitted to them."""
         if self.fitted & VTOL_VIEW:
             return [] if self.switched else ["mount_offset"]
-        return ["mount_offset"] * self.like_mount + ["pitch_sign"] * self.like_sign
+        return ["mount_offset"] * int(self.learnt["like_mount"][0]) + ["pitch_sign"] * int(self.learnt["like_sign"][0])
 
     def _test(self, good: CleanPairs) -> None:
         """Learn from pairs that confirm a fit what else it could be."""
         if not self.fitted or not len(good):
             return
-        trim, pitch = self.correction.pitch_rad, good.rpy_rad[:, 1]
-        self.like_mount &= bool(like_mount(good, trim).all())
-        self.like_sign &= bool(like_sign(good, trim).all())
-        self._pitch_range = (
-            min(self._pitch_range[0], float(pitch.min())),
-            max(self._pitch_range[1], float(pitch.max())),
-        )
-        moved = self._pitch_range[1] - self._pitch_range[0] > self._pitch_moves_rad
-        self.proven |= moved and not self.like_mount
+        learnt, trim, pitch = self.learnt[0], self.correction.pitch_rad, good.rpy_rad[:, 1]
+        learnt["like_mount"] &= like_mount(good, trim).all()
+        learnt["like_sign"] &= like_sign(good, trim).all()
+        learnt["lowest_rad"] = min(learnt["lowest_rad"], pitch.min())
+        learnt["highest_rad"] = max(learnt["highest_rad"], pitch.max())
+        moved = learnt["highest_rad"] - learnt["lowest_rad"] > self._pitch_moves_rad
+        self.proven |= bool(moved and not learnt["like_mount"])
 
     def _hold(self, step: CorrectionChange) -> None:
         if step.correction != self.correction:
-            self._banked = False
+            self.learnt["is_banked"] = False
         self.correction, self.fitted = step.correction, step.fitted
         self.proven, self.switched = step.fitted == AHRS_TRIM, False
-        self.like_mount = self.like_sign = bool(step.fitted & PITCH_TRIM)
-        self._pitch_range = (math.inf, -math.inf)
+        self.learnt["like_mount"] = self.learnt["like_sign"] = bool(step.fitted & PITCH_TRIM)
+        self.learnt["lowest_rad"], self.learnt["highest_rad"] = math.inf, -math.inf
         self.settled |= bool(step.gives_up)  # what deceived once has to be told apart the next time
-        self._denials = self._agreements = 0
-        self._confirmed = False
+        self._denials, self.learnt["agreements"] = 0, 0
+        self.learnt["is_confirmed"] = False
 
     def _denied(self, pairs: CleanPairs) -> Mask:
         return pairs.residual(self.correction) > TOLD_APART * self._noise_rad
@@ -245,17 +224,22 @@ class View:
         """The first pairs that settle the view, and that prove its fit: what they make known holds behind them."""
         if not self.settled and (settling := self._settling(pairs, agreements)).any():
             yield int(settling.argmax())
-        if not self._banked and self._open & AHRS_TRIM and (banking := _banking(pairs, agreements)).any():
+        if (
+            not self.learnt["is_banked"][0]
+            and self._open & AHRS_TRIM
+            and (banking := _banking(pairs, agreements)).any()
+        ):
             yield int(banking.argmax())
         if self.fitted and not self.proven:
             pitch, good = pairs.rpy_rad[:, 1], denials == 0
             low = np.minimum.accumulate(np.where(good, pitch, math.inf))
             high = np.maximum.accumulate(np.where(good, pitch, -math.inf))
             moved = (
-                np.maximum(high, self._pitch_range[1]) - np.minimum(low, self._pitch_range[0]) > self._pitch_moves_rad
+                np.maximum(high, self.learnt["highest_rad"][0]) - np.minimum(low, self.learnt["lowest_rad"][0])
+                > self._pitch_moves_rad
             )
             banked = np.logical_or.accumulate(good & ~like_mount(pairs, self.correction.pitch_rad))
-            if (proves := moved & (banked | (not self.like_mount))).any():
+            if (proves := moved & (banked | (not self.learnt["like_mount"][0]))).any():
                 yield int(proves.argmax())
 
     def _one_a_second(self, seen: CleanPairs) -> Int64s:

@@ -60,13 +60,13 @@ class Source:
 def open_telemetry(path: Path, dialect: str, *, judged: bool) -> Iterator[Source]:
     """The recording of a link, open; SourceError where it cannot be used, also later while it is read."""
     with opened(path) as file:
-        announce_compiling("gcs_bridge" if judged else "gcs_bridge.mavlink")
+        announce_compiling(*(("gcs_bridge",) if judged else ("gcs_bridge.mavlink", "gcs_bridge.telemetry.clocks")))
         yield Source(file, path, start_us_of(file, open_dialect(dialect), path))
 
 
-def announce_compiling(package: str) -> None:
-    """Say before the wait that a package's kernels are compiled: it happens once on a machine, and takes seconds."""
-    if needs_compiling(package):
+def announce_compiling(*packages: str) -> None:
+    """Say before the wait that packages' kernels are compiled: it happens once on a machine, and takes seconds."""
+    if any(map(needs_compiling, packages)):
         sys.stderr.write("gcs-bridge: compiling its kernels, once on this machine (some seconds)\n")
         sys.stderr.flush()
 

@@ -82,7 +82,9 @@ class StepSignal:
         self._frame_indices, self._values = frame_indices[order], values[order]
 
     def at(self, frame_indices: Int64s) -> Floats:
-        """The values (n,) that held when the frames `frame_indices` (n,) came."""
+        """The values (n,) that held when the frames `frame_indices` (n,) came; one for all, where there is no other."""
+        if len(self._values) == 1:
+            return np.broadcast_to(self._values, len(frame_indices))
         return np.asarray(self._values[np.searchsorted(self._frame_indices, frame_indices, side="right") - 1])
 
     @property
@@ -92,6 +94,8 @@ class StepSignal:
 
     def forget(self, frame_index: int) -> None:
         """Nothing will be asked about frames before this one."""
+        if len(self._values) == 1:
+            return
         passed = int(np.searchsorted(self._frame_indices, frame_index, side="right")) - 1
         self._frame_indices, self._values = self._frame_indices[passed:], self._values[passed:]
 
