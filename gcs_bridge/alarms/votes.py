@@ -6,7 +6,7 @@ Sample after sample, in order of arrival; what comes out are changes of state al
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from gcs_bridge.alarms.rated import Rated, Worst
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import CLEARING, PENDING, QUIET, TRANSITIONS, Change, Signal, State
-from gcs_bridge.columns import Floats, Int64s, Records
+from gcs_bridge.columns import FloatRows, Floats, Int64Rows, Int64s, Records
 from gcs_bridge.jit import helper, kernel
 
 _STATES, _SIGNALS = tuple(State), tuple(Signal)
@@ -72,11 +72,11 @@ _T, _VALUE, _IS_BAD, _IS_LOW, _DETAIL = range(5)  # columns of `recent`; the det
 class Votes(NamedTuple):
     """What kernels are given of the alarms: all arrays, changed in place."""
 
-    alarm: Records  # (n,) ALARM
-    recent: Floats  # (n, counted, 9) a ring of the last samples each
-    short: Int64s  # (k, _SHORT, 3) onset, since and until when an excursion was pending that was taken back
-    signal: Int64s  # (m, 2) frame and place in Signal, those of one alarm together
-    change: Records  # CHANGE, as many as there is room for
+    alarm: Annotated[Records, ALARM]  # (n,)
+    recent: Annotated[Floats, 3]  # (n, counted, 9) a ring of the last samples each
+    short: Annotated[Int64s, 3]  # (k, _SHORT, 3) excursions that were taken back: onset, and from when to when pending
+    signal: Int64Rows  # (m, 2) frame and place in Signal, those of one alarm together
+    change: Annotated[Records, CHANGE]  # as many as there is room for
     changes: Int64s  # (1,) how many there are
 
 
@@ -224,7 +224,7 @@ def pass_signals(votes: Votes) -> None:
 
 @kernel
 def vote_all(
-    votes: Votes, a: int, frame_index: Int64s, t_us: Int64s, value: Floats, limit: Floats, detail: Floats
+    votes: Votes, a: int, frame_index: Int64s, t_us: Int64s, value: Floats, limit: Floats, detail: FloatRows
 ) -> None:
     """Give the alarm `a` samples (n,) with their details (n, 5)."""
     for i in range(value.size):
@@ -321,7 +321,7 @@ class Ballot:
                 frame_index,
                 t_us,
                 value,
-                np.ascontiguousarray(limit),
+                np.array(limit),
                 rated.detail,
             )
 

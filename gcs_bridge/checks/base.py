@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar, Literal, NamedTuple, TypedDict
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypedDict
 
 import numpy as np
 
@@ -39,7 +39,7 @@ _WATCHED = np.dtype(
 class Watched(NamedTuple):
     """What a kernel is given to count what it judges."""
 
-    of: Records  # (1,) _WATCHED
+    of: Annotated[Records, _WATCHED]  # (1,) _WATCHED
     residual: Waiting
 
 

@@ -15,7 +15,7 @@ from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.base import ImuCheck, along, length, rated
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.windows import Turning
-from gcs_bridge.columns import Floats, Int64s
+from gcs_bridge.columns import FloatRows, Floats, Int64s
 from gcs_bridge.jit import kernel
 from gcs_bridge.settings import AlarmSettings, GyroSettings
 from gcs_bridge.telemetry.samples import finite
@@ -30,7 +30,13 @@ _STARTED, _FIRST_US, _LAST_US, _BLOCK_END_US, _LAG_S, _ALONG, _SQUARES, _COUNT, 
 
 @kernel
 def follow_bias(
-    t_us: Int64s, difference: Floats, change: Floats, bias_time_s: float, block_us: int, state: Floats, out: Floats
+    t_us: Int64s,
+    difference: FloatRows,
+    change: FloatRows,
+    bias_time_s: float,
+    block_us: int,
+    state: Floats,
+    out: FloatRows,
 ) -> None:
     """Take lag and bias out of `difference` (n, 3), rad/s, sample after sample; the rest goes to `out` (n, 3).
 

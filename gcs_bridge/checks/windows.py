@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from gcs_bridge.checks.base import length
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask
 from gcs_bridge.jit import kernel
 
 
@@ -61,7 +61,14 @@ class SlidingSums:
 
 @kernel
 def slide(
-    t_us: Int64s, totals: Floats, held: int, rows: Floats, window_us: int, sums: Floats, count: Int64s, since_us: Int64s
+    t_us: Int64s,
+    totals: FloatRows,
+    held: int,
+    rows: FloatRows,
+    window_us: int,
+    sums: FloatRows,
+    count: Int64s,
+    since_us: Int64s,
 ) -> int:
     """Fill the sums of `rows` (n, k) over the last `window_us`; return from which of the times on these are needed.
 

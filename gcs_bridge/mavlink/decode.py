@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 import numpy.typing as npt
 
@@ -11,7 +13,7 @@ from gcs_bridge.mavlink.scan import Bytes, Frames
 
 
 @kernel
-def gather(buf: Bytes, payload: npt.NDArray[np.int32], length: npt.NDArray[np.int32], out: Bytes) -> None:
+def gather(buf: Bytes, payload: npt.NDArray[np.int32], length: npt.NDArray[np.int32], out: Annotated[Bytes, 2]) -> None:
     """Copy each payload into its row of `out`; what the wire cut off (trailing zeros) is zero again."""
     size = out.shape[1]
     for row in range(payload.size):
