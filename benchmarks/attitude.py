@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from benchmarks.read_speed import describe_machine
+from benchmarks.processes import describe_machine
 from gcs_bridge import attitude
 
 Array = npt.NDArray[np.float64]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from struct import calcsize
@@ -20,13 +21,13 @@ import numpy as np
 import numpy.typing as npt
 from pymavlink.dialects.v20 import all as mavlink
 
+from benchmarks import COMPARED
+
 Bytes = npt.NDArray[np.uint8]
 Ints = npt.NDArray[np.int64]
 
 FLIGHT = Path(__file__).parents[1] / "sitl_fixtures" / "b_copter_acro.tlog"
 MEGABYTE = 1_000_000
-
-COMPARED = ("ATTITUDE", "ATTITUDE_QUATERNION", "RAW_IMU")  # what the readers of the benchmark are asked for
 
 STAMP_BYTES, HEADER_BYTES, CRC_BYTES = 8, 10, 2
 # The ground station's sticks and set points are left out: without them 3/4 of the messages are COMPARED ones.
@@ -178,16 +179,18 @@ def _crc_table() -> npt.NDArray[np.uint16]:
 _CRC_TABLE = _crc_table()
 
 
-def write_recording(out: BinaryIO, size: int, flight: Path = FLIGHT) -> int:
-    """Write as many whole records as fit into `size` bytes; returns how many."""
-    loop = Loop([record for record in records(flight.read_bytes()) if record.message.msgname not in LEFT_OUT])
+def write_recording(out: BinaryIO, size: int, flight: Path = FLIGHT) -> Counter[str]:
+    """Write as many whole records as fit into `size` bytes; returns how many of each message."""
+    flown = [record for record in records(flight.read_bytes()) if record.message.msgname not in LEFT_OUT]
+    loop = Loop(flown)
     one = len(loop.bytes)
     whole, rest = divmod(size, one)
     firsts = range(0, whole, COPIES_AT_ONCE)
     out.writelines(loop.copies(first, min(COPIES_AT_ONCE, whole - first)).data for first in firsts)
     n = int(np.searchsorted(loop.ends, rest, side="right"))
     out.write(loop.copies(whole, 1)[0, : loop.ends[n - 1] if n else 0].tobytes())
-    return whole * len(loop.ends) + n
+    names = [record.message.msgname for record in flown]
+    return Counter({name: count * whole for name, count in Counter(names).items()}) + Counter(names[:n])
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -196,8 +199,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--megabytes", type=float, default=20.0, help="size, in 1,000,000 bytes  [20]")
     arguments = parser.parse_args(argv)
     with arguments.out.open("wb") as out:
-        count = write_recording(out, round(arguments.megabytes * MEGABYTE))
-    print(f"{arguments.out}: {count} messages, {arguments.out.stat().st_size / MEGABYTE:.1f} MB")
+        counts = write_recording(out, round(arguments.megabytes * MEGABYTE))
+    print(f"{arguments.out}: {counts.total()} messages, {arguments.out.stat().st_size / MEGABYTE:.1f} MB; of them")
+    print(*(f"{name}={counts[name]}" for name in COMPARED))
     return 0
 
 

@@ -2,10 +2,7 @@
 
 The two do not do the same: one judges every attitude, the other only reads three messages. Both must count the same
 messages, and the recording must be judged `agree`. Ratios are of the two runs of one pair, as a machine's speed changes
-with what else it does. This process stays small and imports none of the libraries: a child's peak memory, as the kernel
-tells it, is never below its parent's at the start.
-
-Needs POSIX (`os.wait4`).
+with what else it does.
 """
 
 from __future__ import annotations
@@ -13,91 +10,58 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
-import shutil
-import statistics
-import subprocess
-import sys
 import tempfile
-import time
-from collections.abc import Sequence
-from importlib.metadata import version
+from collections.abc import Mapping
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
-HERE = Path(__file__).parent
-COMPARED = ("ATTITUDE", "ATTITUDE_QUATERNION", "RAW_IMU")
+from benchmarks import COMPARED
+from benchmarks.processes import TOP, describe_machine, gcs_bridge, output_of, run, spread, this_python
+
+# What is shown of a pair: digits, where it stands in a Run, and whether the ratio is ours over theirs.
+_COLUMNS = (
+    ("wall, s", 2, attrgetter("wall_s"), False),
+    ("CPU, s", 2, attrgetter("cpu_s"), False),
+    ("peak, MB", 0, attrgetter("peak_mb"), True),
+)
+PYMAVLINK_READS = Path(__file__).parent / "peers" / "drivers" / "pymavlink_reads.py"
 
 
-class Run(NamedTuple):
-    """One finished process."""
+class Judged(NamedTuple):
+    """What `gcs-bridge check` finds in a recording: messages by name, and the verdict."""
 
-    wall_s: float
-    cpu_s: float
-    peak_mb: float
-
-
-class Spread(NamedTuple):
-    """Of some repeated measurement."""
-
-    median: float
-    least: float
-    most: float
-
-    def show(self, digits: int) -> str:
-        median, least, most = (f"{value:.{digits}f}" for value in self)
-        return f"{median} ({least}…{most})"
-
-
-def spread(values: Sequence[float]) -> Spread:
-    return Spread(statistics.median(values), min(values), max(values))
-
-
-def run(command: Sequence[str], environment: dict[str, str] | None = None) -> Run:
-    """Run a command to its end, its output thrown away; CalledProcessError where it fails."""
-    begun_s = time.perf_counter()
-    # No `with`: wait4 is what waits, and tells what was used.
-    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
-    _, status, used = os.wait4(child.pid, 0)
-    wall_s = time.perf_counter() - begun_s
-    child.returncode = os.waitstatus_to_exitcode(status)
-    if child.returncode:
-        raise subprocess.CalledProcessError(child.returncode, command)
-    peak_bytes = used.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    return Run(wall_s, used.ru_utime + used.ru_stime, peak_bytes / 1e6)
-
-
-def output_of(command: Sequence[str]) -> str:
-    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
-
-
-def gcs_bridge(*arguments: str) -> list[str]:
-    """The command of this Python's own installation."""
-    found = shutil.which("gcs-bridge", path=str(Path(sys.executable).parent))
-    if found is None:
-        raise SystemExit("gcs-bridge is not installed beside this Python: pip install -e .")
-    return [found, *arguments]
-
-
-def this_python(*arguments: str) -> list[str]:
-    return [sys.executable, *arguments]
+    counts: dict[str, int]
+    verdict: str
 
 
 def pymavlink_reads(recording: Path) -> list[str]:
-    return this_python(str(HERE / "pymavlink_reads.py"), str(recording))
+    return this_python(str(PYMAVLINK_READS), str(recording), *COMPARED)
+
+
+def counts_in(said: str) -> dict[str, int]:
+    """What a reader counted, from the last line that it printed: NAME=COUNT, and so on."""
+    pairs = (pair.split("=") for pair in said.strip().rpartition("\n")[2].split())
+    return {name: int(count) for name, count in pairs}
+
+
+def judged(program: str, recording: Path, environment: Mapping[str, str] | None = None) -> Judged:
+    """Let `program`, a gcs-bridge, judge the recording."""
+    report = json.loads(run([program, "check", "--format", "json", str(recording)], environment).said)["files"][0]
+    streams = [vehicle["streams"] for vehicle in report["vehicles"]]
+    counts = {name: sum(of[name]["count"] for of in streams if name in of) for name in COMPARED}
+    return Judged(counts, report["verdict"])
 
 
 def refuse_unequal(recording: Path) -> int:
     """The number of messages compared; SystemExit unless both count the same and the recording is judged `agree`."""
-    theirs = dict(pair.split("=") for pair in output_of(pymavlink_reads(recording)).split())
-    judged = json.loads(output_of(gcs_bridge("check", "--format", "json", str(recording))))["files"][0]
-    streams = [vehicle["streams"] for vehicle in judged["vehicles"]]
-    ours = {name: str(sum(of[name]["count"] for of in streams if name in of)) for name in COMPARED}
+    theirs = counts_in(output_of(pymavlink_reads(recording)))
+    ours, verdict = judged(gcs_bridge()[0], recording)
     if ours != theirs:
         raise SystemExit(f"the readers disagree: gcs-bridge {ours}, pymavlink {theirs}")
-    if judged["verdict"] != "agree":
-        raise SystemExit(f"{recording} is judged {judged['verdict']}, not agree")
-    return sum(map(int, ours.values()))
+    if verdict != "agree":
+        raise SystemExit(f"{recording} is judged {verdict}, not agree")
+    return sum(ours.values())
 
 
 def first_run_s(recording: Path) -> float:
@@ -112,8 +76,8 @@ def side_by_side(recording: Path, pairs: int) -> None:
     run(ours)
     measured = [(run(ours), run(theirs)) for _ in range(pairs)]
     print("\n| median (least…most) | gcs-bridge check | pymavlink reads | ratio |\n| --- | --- | --- | --- |")
-    for name, digits, column, inverse in (("wall, s", 2, 0, False), ("CPU, s", 2, 1, False), ("peak, MB", 0, 2, True)):
-        of_us, of_them = ([both[side][column] for both in measured] for side in (0, 1))
+    for name, digits, column, inverse in _COLUMNS:
+        of_us, of_them = ([column(both[side]) for both in measured] for side in (0, 1))
         ratios = [a / b if inverse else b / a for a, b in zip(of_us, of_them, strict=True)]
         what = "of its memory" if inverse else "times as fast"
         shown = f"**{spread(ratios).median:.2f}** ({min(ratios):.2f}…{max(ratios):.2f}) {what}"
@@ -135,14 +99,6 @@ def start_times(times: int) -> None:
         print(f"| {name} | {spread(walls).show(2)} |")
 
 
-def describe_machine() -> str:
-    packages = ", ".join(f"{name} {version(name)}" for name in ("gcs-bridge", "numpy", "numba", "pymavlink"))
-    system = f"{platform.system()} {platform.machine()}"
-    return (
-        f"{system}, {os.cpu_count()} CPUs, {platform.python_implementation()} {platform.python_version()}; {packages}"
-    )
-
-
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", description="Compare gcs-bridge check with pymavlink."
@@ -153,7 +109,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--profile", action="store_true", help="and where the time and the memory of a check go")
     arguments = parser.parse_args(argv)
     given: Path | None = arguments.recording and arguments.recording.resolve()
-    os.chdir(HERE.parent)  # children find `benchmarks` there
+    os.chdir(TOP)  # children find `benchmarks` there
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # an installation has its bytecode, and so must a checkout
     print(describe_machine(), flush=True)
     with tempfile.TemporaryDirectory() as folder:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from gcs_bridge.chunks import Chunk
+from gcs_bridge.chunks import Chunk, Chunks
 from gcs_bridge.contract import plain
 from gcs_bridge.events import Event
 from gcs_bridge.judging import monitor
@@ -70,7 +70,7 @@ class Monitor:
         """
         return _plain(self._monitor.close_link(link, t_rx_us))
 
-    def take(self, chunks: Sequence[Chunk], link: int = 0) -> list[PlainEvent]:
+    def take(self, chunks: Chunks | Sequence[Chunk], link: int = 0) -> list[PlainEvent]:
         """Take chunks of a link, or of a recording whatever `link` is, as one batch: as one by one, at less cost.
 
         A link that was closed is open again, as what it was before.

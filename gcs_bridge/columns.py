@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Generic, Self, TypeVar
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar, dataclass_transform
 
 import numpy as np
 import numpy.typing as npt
@@ -13,12 +13,34 @@ Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 Records = npt.NDArray[np.void]
-# For the kernels, which are compiled for so many dimensions; elsewhere the types above stand for any number of them.
+# For kernels, which are compiled for so many dimensions; elsewhere the types above stand for any number of them.
 FloatRows = Annotated[Floats, 2]
 Int64Rows = Annotated[Int64s, 2]
 MaskRows = Annotated[Mask, 2]
 Rows = slice | Int64s | Mask
 """Some rows of arrays: a slice, their indices or a mask."""
+
+
+T = TypeVar("T")
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+def record(cls: type[T]) -> type[T]:
+    """As `dataclass(frozen=True, kw_only=True)`, made in a third of the time where every field is given.
+
+    A short batch spends more on its records than on all that it computes.
+    """
+    made = dataclass(frozen=True, kw_only=True)(cls)
+    names, init = frozenset(one.name for one in fields(made)), made.__init__  # type: ignore[arg-type]
+
+    def __init__(self: Any, **given: Any) -> None:  # noqa: N807  it is one
+        if given.keys() == names:
+            self.__dict__.update(given)
+        else:  # defaults, or a wrong call: Python says what is wrong with it
+            init(self, **given)
+
+    made.__init__ = __init__  # type: ignore[method-assign]
+    return made
 
 
 class Columns:
@@ -28,8 +50,10 @@ class Columns:
     whole record, and go with any part of it.
     """
 
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
     def __len__(self) -> int:
-        return len(next(iter(self.__dict__.values())))
+        return len(self.__dict__[next(iter(self.__dataclass_fields__))])
 
     def __getitem__(self, rows: Rows) -> Self:
         """Some of the rows."""
@@ -39,6 +63,10 @@ class Columns:
             {name: of[rows] if isinstance(of, np.ndarray) else of for name, of in self.__dict__.items()}
         )
         return part
+
+    def first(self, n: int) -> Self:
+        """The first `n` rows: the record itself where there are no more."""
+        return self if len(self) == n else self[:n]
 
     def where(self, mask: Mask) -> Self:
         """The rows (n,) that are true: the record itself where all are."""

@@ -10,4 +10,4 @@ from gcs_bridge.jit import prepare  # noqa: E402
 
 @pytest.fixture(scope="session", autouse=True)
 def _compiled() -> None:
-    prepare()
+    prepare("gcs_bridge")

@@ -7,6 +7,7 @@ import pytest
 
 from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.judging.monitor import Monitor
+from gcs_bridge.links.link import now_us
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.uri import NetworkUri
 from gcs_bridge.recordings.open import READERS, open_recording
@@ -55,9 +56,8 @@ def test_a_link_of_datagrams_is_chunks() -> None:
     link.close()
 
 
-def test_a_stream_that_waited_is_one_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However many reads it took: it is judged at once, with the time of its last bytes."""
-    monkeypatch.setattr("gcs_bridge.links.link._READ", 100)
+def test_a_stream_that_waited_is_one_chunk() -> None:
+    """However it was sent: it is judged at once, with the time at which it was fetched."""
     with tcp_sender(FRAMES[:50], 1e9) as (port, _):
         link = open_link(NetworkUri("tcp", "127.0.0.1", port))
         size = sum(len(frame.data) for frame in FRAMES[:50])
@@ -70,8 +70,10 @@ def test_a_stream_that_waited_is_one_chunk(monkeypatch: pytest.MonkeyPatch) -> N
         wait_until(enough)
         link.close()
     assert all(len(chunks) <= 1 for chunks in found)
-    assert max(len(chunk.data) for chunks in found for chunk in chunks) > 100
-    assert all(chunk.framing is Framing.STREAM for chunks in found for chunk in chunks)
+    chunks = [chunk for chunks in found for chunk in chunks]
+    assert b"".join(bytes(chunk.data) for chunk in chunks) == b"".join(frame.data for frame in FRAMES[:50])
+    assert len(chunks) < 50
+    assert all(chunk.framing is Framing.STREAM and abs(chunk.t_rx_us - now_us()) < 60e6 for chunk in chunks)
 
 
 @pytest.mark.slow

@@ -38,7 +38,7 @@ from gcs_bridge.events import (
 )
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.telemetry.link_clock import LinkClock
+from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 
 
 class SignalAt(NamedTuple):
@@ -276,6 +276,11 @@ class AlarmManager:
             raise UsageError(f"alarm {alarm_id}: not shelved")
         self._take_from_shelf(slot)
         yield from self._unshelved(slot, record, _At(frame_index, t_rx_us))
+
+    @property
+    def due_us(self) -> int:
+        """The receive time of the link at which the next shelving runs out."""
+        return min(self._shelf.values(), default=NEVER_US)
 
     def pass_time(self, link: LinkClock) -> Iterator[Notice]:
         """Shelving that has run out ends, with the first frame behind its time."""

@@ -123,10 +123,14 @@ QUIET = frozenset(State) - PENDING - STANDING
 
 
 class Change(NamedTuple):
-    """A change of state; `worst` is the excursion's peak so far, `onset_us` the time of its first bad sample."""
+    """A change of state, and what brought it about, None: nothing did, it tells where the alarm is.
+
+    `worst` is the excursion's peak so far, `onset_us` the time of its first bad sample.
+    """
 
     before: State
     state: State
+    by: Signal | None
     t_boot_us: int
     worst: Worst
     onset_us: int = -1

@@ -15,7 +15,7 @@ from gcs_bridge.alarms.rated import Rated, Worst
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import CLEARING, PENDING, QUIET, TRANSITIONS, Change, Signal, State
 from gcs_bridge.columns import FloatRows, Floats, Int64Rows, Int64s, Records
-from gcs_bridge.jit import helper, kernel
+from gcs_bridge.jit import helper, inlined, kernel
 
 _STATES, _SIGNALS = tuple(State), tuple(Signal)
 NEXT = np.array([[_STATES.index(TRANSITIONS.get((one, by), one)) for by in _SIGNALS] for one in _STATES])
@@ -37,6 +37,8 @@ ALARM = np.dtype(
         ("worst", "f8"),  # and its largest value, with what came with that
         ("worst_detail", "f8", (5,)),
         ("samples", "i8"),
+        ("next", "i8"),  # the place of the next one among the recent ones
+        ("high", "i8"),  # how many of the recent ones are not low
         ("t_us", "i8"),  # the last sample, against its limit
         ("value", "f8"),
         ("limit", "f8"),
@@ -60,6 +62,7 @@ CHANGE = np.dtype(
         ("frame_index", "i8"),
         ("before", "i8"),
         ("after", "i8"),
+        ("by", "i8"),  # place in Signal
         ("t_us", "i8"),
         ("onset_us", "i8"),
         ("worst", "f8"),
@@ -83,25 +86,34 @@ class Votes(NamedTuple):
 # Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
 
 
-@helper
+@inlined
 def vote(votes, a, frame_index, t_us, value, limit, detail):  # type: ignore[no-untyped-def]  # typed by numba
     """Give the alarm `a` its next sample: bad above `limit`; `detail`, five numbers, counts where it is bad alone."""
     alarm = votes.alarm[a]
     if alarm.signal < alarm.signals:
         _pass_signals(votes, a, frame_index)
     alarm.t_us, alarm.value, alarm.limit = t_us, value, limit
-    bad, low = value > limit, value <= alarm.clear_below * limit
     alarm.now_us = max(alarm.now_us, t_us)
-    counted = alarm.counted_samples
-    recent = votes.recent[a]
-    at = alarm.samples % counted
-    recent[at, _T], recent[at, _VALUE], recent[at, _IS_BAD], recent[at, _IS_LOW] = t_us, value, bad, low
+    alarm.samples += 1
+    at = alarm.next
+    alarm.next = at + 1 if at + 1 < alarm.counted_samples else 0
+    low = value <= alarm.clear_below * limit
+    if not low or alarm.high or not IS_QUIET[alarm.state]:  # else all are low, and nothing can come of this one
+        _count(votes, a, frame_index, at, value > limit, low, detail)
+
+
+@helper
+def _count(votes, a, frame_index, at, bad, low, detail):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take the alarm's latest sample among the recent ones, at place `at`, and see what they say together."""
+    alarm, recent = votes.alarm[a], votes.recent[a]
+    value = alarm.value
+    alarm.high += np.int64(recent[at, _IS_LOW] != 0.0) - np.int64(low)
+    recent[at, _T], recent[at, _VALUE], recent[at, _IS_BAD], recent[at, _IS_LOW] = alarm.t_us, value, bad, low
     if bad:
         for i in range(5):
             recent[at, _DETAIL + i] = detail[i]
-    alarm.samples += 1
     n_bad = n_high = 0
-    for i in range(min(alarm.samples, counted)):
+    for i in range(alarm.counted_samples):
         if alarm.now_us - recent[i, _T] <= alarm.window_us:
             n_bad += recent[i, _IS_BAD] != 0.0
             n_high += recent[i, _IS_LOW] == 0.0
@@ -132,9 +144,8 @@ def _begin(votes, a):  # type: ignore[no-untyped-def]  # typed by numba
     """An excursion begins with the bad ones of the samples that voted for it."""
     alarm, recent, counted = votes.alarm[a], votes.recent[a], votes.alarm[a].counted_samples
     alarm.worst, alarm.onset_us = -np.inf, alarm.now_us
-    n = min(alarm.samples, counted)
-    for i in range(n):
-        at = (alarm.samples - n + i) % counted  # the oldest first: of two alike it is the worst
+    for i in range(counted):
+        at = (alarm.next + i) % counted  # the oldest first: of two alike it is the worst
         if recent[at, _IS_BAD] == 0.0 or alarm.now_us - recent[at, _T] > alarm.window_us:
             continue
         alarm.onset_us = min(alarm.onset_us, np.int64(recent[at, _T]))
@@ -186,16 +197,16 @@ def _go(votes, a, frame_index, signal):  # type: ignore[no-untyped-def]  # typed
         alarm.shorts += 1
     alarm.since_us = alarm.now_us
     alarm.state = after
-    _write(votes, a, frame_index, before, alarm.now_us)
+    _write(votes, a, frame_index, before, signal, alarm.now_us)
 
 
 @helper
-def _write(votes, a, frame_index, before, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _write(votes, a, frame_index, before, by, t_us):  # type: ignore[no-untyped-def]  # typed by numba
     """Put down where the alarm is with a frame, and what it was before."""
     alarm, change = votes.alarm[a], votes.change[votes.changes[0]]
     votes.changes[0] += 1
     change.alarm, change.frame_index, change.before, change.after = a, frame_index, before, alarm.state
-    change.t_us, change.onset_us, change.worst = t_us, alarm.onset_us, alarm.worst
+    change.by, change.t_us, change.onset_us, change.worst = by, t_us, alarm.onset_us, alarm.worst
     for i in range(5):
         change.worst_detail[i] = alarm.worst_detail[i]
 
@@ -211,7 +222,7 @@ def _pass_signals(votes, a, frame_index):  # type: ignore[no-untyped-def]  # typ
         if by != _NO_SIGNAL:
             alarm.state = NEXT[before, by]
         if alarm.state != before or by == _NO_SIGNAL:
-            _write(votes, a, at, before, 0)
+            _write(votes, a, at, before, by, 0)
 
 
 @kernel
@@ -281,6 +292,8 @@ class Ballot:
     def start_boot(self) -> None:
         """Begin anew, with every alarm normal."""
         self._votes.alarm[:] = self._fresh
+        self._votes.recent[...] = 0.0
+        self._votes.recent[..., _IS_LOW] = 1.0
         self._signals: dict[int, list[tuple[int, int]]] = {}
 
     def place_of(self, spec: AlarmSpec) -> int:
@@ -343,6 +356,7 @@ class Ballot:
                 Change(
                     before=_STATES[one["before"]],
                     state=_STATES[one["after"]],
+                    by=None if one["by"] == _NO_SIGNAL else _SIGNALS[one["by"]],
                     t_boot_us=int(one["t_us"]),
                     worst=Worst(float(one["worst"]), one["worst_detail"].copy()),
                     onset_us=int(one["onset_us"]),

@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple, TypedDict
 
 import numpy as np
 
+import gcs_bridge.attitude.compiled  # noqa: F401  checks' kernels call the attitude package
 from gcs_bridge import attitude
 from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.record import scale_of
@@ -14,12 +15,15 @@ from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import Signal
 from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.checks.quantiles import Quantiles, Waiting, note
-from gcs_bridge.columns import Floats, Int64s, Mask, Records
+from gcs_bridge.checks.quantiles import Quantiles, note
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
 from gcs_bridge.contract import Distribution, Severity, known
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.telemetry.samples import finite
+
+NO_DETAIL = (np.nan, np.nan, np.nan, np.nan, np.nan)
+"""Of a value that has no direction."""
 
 _UNKNOWN_SAMPLES = 200
 _LONGEST_US = 2_000_000  # of the time between two samples, what counts as watched
@@ -40,7 +44,8 @@ class Watched(NamedTuple):
     """What a kernel is given to count what it judges."""
 
     of: Annotated[Records, _WATCHED]  # (1,) _WATCHED
-    residual: Waiting
+    value: Floats  # what is to be counted, see Waiting
+    waiting: Int64s
 
 
 @helper
@@ -55,7 +60,7 @@ def watch(watched, t_us, value, judged):  # type: ignore[no-untyped-def]  # type
     if judged:
         of.judged_us += stands_for
         of.judged += 1
-        note(watched.residual, value)
+        note(watched, value)
 
 
 @kernel
@@ -63,6 +68,30 @@ def watch_all(watched: Watched, t_us: Int64s, value: Floats, judged: Mask) -> No
     """Count samples (n,)."""
     for i in range(t_us.size):
         watch(watched, t_us[i], value[i], judged[i])
+
+
+@helper
+def row_at(v, row):  # type: ignore[no-untyped-def]  # typed by numba
+    """Row `row` of v (n, 3), as it is."""
+    return v[row, 0], v[row, 1], v[row, 2]
+
+
+@helper
+def is_known(numbers):  # type: ignore[no-untyped-def]  # typed by numba
+    """As `finite`: whether a sample holds numbers only."""
+    known = True
+    for number in numbers:
+        known &= np.isfinite(number)
+    return known
+
+
+@kernel
+def all_known(rows: FloatRows) -> bool:
+    """Whether all samples (n, k) hold numbers only."""
+    known = True
+    for row in rows:
+        known &= is_known(row)
+    return known
 
 
 class Break(NamedTuple):
@@ -82,16 +111,16 @@ class Usable:
         self.breaks: list[Break] = []
         self._unknown = 0
 
-    def follow(self, known: Mask, t_us: Int64s, frame_index: Int64s) -> None:
-        """Take the next samples, `known` (n,) where their numbers mean something."""
+    def follow(self, numbers: Floats, t_us: Int64s, frame_index: Int64s) -> None:
+        """Take the next samples (n, k): those with NaN in them mean nothing."""
         self.breaks = []
-        if known.all() and not self.broken:
+        if not self.broken and all_known(numbers):
             self._unknown = 0
             return
-        for row, is_known in enumerate(known.tolist()):
-            self._unknown = 0 if is_known else self._unknown + 1
-            if self.broken == is_known and (is_known or self._unknown >= _UNKNOWN_SAMPLES):
-                self.broken = not is_known
+        for row, means in enumerate(finite(numbers).tolist()):
+            self._unknown = 0 if means else self._unknown + 1
+            if self.broken == means and (means or self._unknown >= _UNKNOWN_SAMPLES):
+                self.broken = not means
                 self.breaks.append(Break(int(frame_index[row]), int(t_us[row]), self.broken))
 
 
@@ -224,9 +253,13 @@ class Check(ABC):
             self._alarm_spec("alarm", "alarm", what, delays, id_part=self.name, asks_doctor=asks_doctor),
         )
 
+    def _places(self, ballot: Ballot) -> Int64s:
+        """Where its alarms are, in the order of its specs."""
+        return np.array([ballot.place_of(spec) for spec in self.alarm_specs])
+
     def _watching(self, samples: int) -> Watched:
         """What a kernel needs to count so many samples."""
-        return Watched(self._watched, self.residual.room(samples))
+        return Watched(self._watched, *self.residual.room(samples))
 
     def _watch(self, t_us: Int64s, value: Floats, judged: Mask) -> None:
         """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""
@@ -291,10 +324,11 @@ class ImuCheck(Check):
         self._usable.breaks = []
         if batch.imu is not None:
             self._scale = batch.imu.scale
-            self._usable.follow(finite(getattr(batch.imu, self.judges)), batch.imu.t_boot_us, batch.imu.frame_index)
+            self._usable.follow(getattr(batch.imu, self.judges), batch.imu.t_boot_us, batch.imu.frame_index)
+        if self._usable.breaks:
             signals = [(one.frame_index, Signal.BROKEN if one.broken else Signal.FOUND) for one in self._usable.breaks]
-            for spec in self.alarm_specs:
-                ballot.signal(ballot.place_of(spec), signals)
+            for place in self._places(ballot):
+                ballot.signal(place, signals)
 
     @property
     def broken(self) -> str | None:

@@ -8,22 +8,33 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
 
-from gcs_bridge import attitude
-from gcs_bridge.alarms.votes import Ballot
-from gcs_bridge.checks.base import Check, Numbers, length, rated
+from gcs_bridge.alarms.votes import Ballot, Votes, vote
+from gcs_bridge.attitude.compiled import put, ray_at
+from gcs_bridge.attitude.gravity import down_of
+from gcs_bridge.attitude.quaternion import angle_of, conjugated, length, logarithm, product, tilt_heading_of, turned
+from gcs_bridge.checks.base import Check, Numbers, Watched, is_known, row_at
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.checks.quantiles import Quantiles
-from gcs_bridge.checks.windows import SlidingSums
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, RunningMax
-from gcs_bridge.pairing.neighbours import in_order
-from gcs_bridge.pairing.pairs import Pairs
+from gcs_bridge.checks.quantiles import Quantiles, Waiting, note
+from gcs_bridge.checks.windows import Sliding, SlidingSums, slide_in
+from gcs_bridge.columns import FloatRows, Floats, FrameColumns, Int64s, Mask, Records
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings, EulerQuaternionSettings
-from gcs_bridge.telemetry.samples import finite
+from gcs_bridge.telemetry.statements import held_at
+
+_CALM_US = 5_000_000  # without a bad pair, before the next one is a new onset
+_HELD_US, _HELD_SLOW_US = 3_000_000, 6_000_000  # how long a disagreement may be withheld; for pairs that come slowly
+_SLOW_US = 400_000
+_START_US = 3_000_000
+_OFF_AXIS = 0.05  # share of a turn that may be about other axes
+_MOST_TRIM_RAD = math.radians(10.0)
+_WEIGHT_FLOOR_RAD = math.radians(0.05)
+_GREATEST_RATE_RAD_S = 100.0  # what is more is damage
+_LEAST_RATE_RAD_S = math.radians(2.0)  # root mean square, below which no lag shows
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,32 +56,32 @@ class Disagreement(FrameColumns):
     counted: Mask
 
 
-def compare(pairs: Pairs, settings: EulerQuaternionSettings, last_interval_id: int = -1) -> Disagreement:
-    """Judge each pair by a limit that grows with the bound of its alignment.
+_MEMORY = np.dtype(
+    [
+        # Of all boots.
+        ("same_instant", "i8"),  # of the judged pairs, those of one instant
+        ("counted", "i8"),  # of the pairs, those that had a vote
+        ("bad", "i8"),  # and of these, those above their limit
+        ("along_rate", "f8"),  # sums, for the lag
+        ("rate_squared", "f8"),
+        # Of one boot.
+        ("interval_id", "i8"),  # of the pair before
+        ("first_us", "i8"),  # of the first pair, -1 before it
+        ("latest_us", "i8"),  # of the mean
+        ("bad_us", "i8"),  # the latest bad pair
+        ("onset_us", "i8"),  # of the present disagreement
+    ]
+)
 
-    A pair above its limit is bad; one below it is good only if the bound leaves anything to tell, else it is not
-    judged. `last_interval_id` is that of the pair before the first: pairs on one step of the faster stream count once.
-    """
-    delta = attitude.multiply(attitude.conjugate(pairs.q_euler), pairs.q_quaternion)
-    tilt, heading = attitude.tilt_heading_between(pairs.q_euler, pairs.q_quaternion)
-    angle = attitude.angle_between(pairs.q_euler, pairs.q_quaternion)
-    rotvec_body = attitude.rotvec_from_quaternion(delta)
-    rotvec_world = attitude.rotate(pairs.q_euler, rotvec_body)
-    limit = settings.limit_rad + pairs.bound_rad  # NaN where the bound is unknown: then not judged
-    judged = ((angle > limit) | (pairs.bound_rad <= settings.usable_bound_rad)) & ~pairs.after_reset
-    interval_before = np.concatenate(([last_interval_id], pairs.interval_id))[:-1]
-    counted = judged & ((pairs.interval_id == -1) | (pairs.interval_id != interval_before))
-    return Disagreement(
-        frame_index=pairs.frame_index,
-        angle=angle,
-        tilt=tilt,
-        heading=heading,
-        rotvec_body=rotvec_body,
-        rotvec_world=rotvec_world,
-        limit=limit,
-        judged=judged,
-        counted=counted,
-    )
+
+class _Limits(NamedTuple):
+    """What of the settings the kernel needs."""
+
+    limit_rad: float
+    usable_bound_rad: float
+    mean_limit_rad: float
+    mean_pairs: int
+    mean_window_s: float
 
 
 class EulerQuaternion(Check):
@@ -84,16 +95,16 @@ class EulerQuaternion(Check):
     def __init__(self, settings: EulerQuaternionSettings, delays: AlarmSettings) -> None:
         """Start with nothing judged."""
         super().__init__()
-        self.same_instant = 0
-        self.counted = 0  # of the pairs, those that had a vote
-        self.bad = 0  # and of these, those above their limit
         self.raw, self.tilt, self.heading = Quantiles(), Quantiles(), Quantiles()
         self.found: Disagreement | None = None  # of the last batch
-        self._along_rate, self._rate_squared = 0.0, 0.0  # sums, for the lag
-        self._settings = settings
-        self._delays = delays
-        self._slow = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.mean_hold_s)
-        self._pairs = self._alarm_spec(
+        self._limits = _Limits(
+            limit_rad=settings.limit_rad,
+            usable_bound_rad=settings.usable_bound_rad,
+            mean_limit_rad=settings.mean_limit_rad,
+            mean_pairs=settings.mean_pairs,
+            mean_window_s=settings.mean_window_s,
+        )
+        pairs = self._alarm_spec(
             "pairs",
             "alarm",
             "ATTITUDE and ATTITUDE_QUATERNION are not one rotation",
@@ -102,115 +113,99 @@ class EulerQuaternion(Check):
             recurring_window_s=settings.recurring_window_s,
             asks_doctor=True,
         )
-        self._mean_turn = self._alarm_spec(
+        mean = self._alarm_spec(
             "mean",
             "warning",
             "ATTITUDE and ATTITUDE_QUATERNION differ by a small constant turn",
-            self._slow,
+            replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.mean_hold_s),
             asks_doctor=True,
             onset_lead_s=settings.mean_window_s + settings.mean_hold_s,
         )
-        self.alarm_specs = self._pairs, self._mean_turn
-        self._last_interval_id = -1
-        self._start_mean()
+        self.alarm_specs = pairs, mean
+        self._memory = np.zeros(1, _MEMORY)
+        self._start()
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
         super().start_boot()
-        self._last_interval_id = -1
-        self._start_mean()
+        self._start()
 
-    def _start_mean(self) -> None:
-        self._sums = SlidingSums(self._settings.mean_window_s, 8)
-        self._latest_us = -1
-        self._first_us: int | None = None
-        self._bad_us, self._onset_us = RunningMax(-_CALM_US), RunningMax(-_CALM_US)
+    def _start(self) -> None:
+        self._sums = SlidingSums(self._limits.mean_window_s, 8)
+        of = self._memory
+        of["interval_id"] = of["first_us"] = of["latest_us"] = -1
+        of["bad_us"] = of["onset_us"] = -_CALM_US
 
     def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Compare the pairs, and rate those that count."""
         pairs = batch.pairs
-        self.found = found = compare(pairs, self._settings, self._last_interval_id)
-        if not len(pairs):
+        n = len(pairs)
+        if not n:
+            self.found = _NOTHING
             return
-        self._last_interval_id = int(pairs.interval_id[-1])
-        self._watched["judged"] += found.judged.sum()
-        self.same_instant += int((found.judged & pairs.same_instant).sum())
-        self._watched["judged_us"] += pairs.duration_us[found.judged].sum()
-        self.residual.add(found.angle[found.judged])
-        self._follow_lag(pairs.w_nb_b_rad_s[found.judged], found.rotvec_body[found.judged])
-        as_sent = pairs.q_euler_sent
-        raw = found.angle if as_sent is pairs.q_euler else attitude.angle_between(as_sent, pairs.q_quaternion)
-        self.raw.add(raw[found.judged])
-        self.tilt.add(found.tilt[found.judged])
-        self.heading.add(np.abs(found.heading[found.judged]))
-        found.counted[self._withheld(batch, found)] = False
-        rows = np.flatnonzero(found.counted)
-        angle, limit = found.angle[rows], found.limit[rows]
-        detail = np.column_stack((found.tilt, found.heading, found.rotvec_body))[rows]
-        self.counted += len(rows)
-        self.bad += int((angle > limit).sum())
-        t_us, frame_index = pairs.t_boot_us[rows], pairs.frame_index[rows]
-        ballot.rate(self._pairs, rated(t_us, frame_index, angle, limit, self._delays, detail))
-        self._mean(batch, found, ballot)
-
-    def _withheld(self, batch: CheckBatch, found: Disagreement) -> Int64s:
-        """Pairs that disagree as a firmware may on purpose, while that could still be found out.
-
-        What a firmware does is told by parameters and modes, or fitted to some pairs: both take a moment. For so long
-        after its onset a disagreement has no vote if it is a turn about the body's y axis on an ArduPlane (a trim, a
-        view), or, where it is there from a boot's first seconds on, no larger than AHRS_TRIM could make it there.
-        """
-        t_us = batch.pairs.t_boot_us
-        if self._first_us is None:
-            self._first_us = int(t_us[0])
-        bad = np.flatnonzero(found.counted & (found.angle > found.limit))
-        bad = np.asarray(bad[batch.ardupilot.at(batch.pairs.frame_index[bad]) != 0])  # NaN: not known yet
-        if not len(bad):
-            return bad
-        at_us = self._bad_us.feed(t_us[bad])
-        fresh = np.diff(at_us) > _CALM_US
-        onset_us = self._onset_us.feed(np.where(fresh, at_us[1:], -1))[1:]
-        turn = found.rotvec_body[bad]
-        about_y = np.hypot(turn[:, 0], turn[:, 2]) <= _OFF_AXIS * found.angle[bad] + found.limit[bad]
-        q_nb = batch.pairs.q_quaternion[bad]
-        tilt = np.arccos(np.clip(attitude.body_down(q_nb)[:, 2], -1.0, 1.0))
-        by_trim = found.angle[bad] <= 2.0 * np.sin(tilt / 2.0) * _MOST_TRIM_RAD + found.limit[bad]
-        starting = onset_us - self._first_us < _START_US
-        slow = batch.pairs.duration_us[bad] >= _SLOW_US
-        young = at_us[1:] - onset_us < np.where(slow, _HELD_SLOW_US, _HELD_US)
-        return np.asarray(
-            bad[young & ((about_y & (batch.fixed_wing.at(batch.pairs.frame_index[bad]) != 0)) | (by_trim & starting))]
+        self.found = found = Disagreement(
+            frame_index=pairs.frame_index,
+            angle=np.empty(n),
+            tilt=np.empty(n),
+            heading=np.empty(n),
+            rotvec_body=np.empty((n, 3)),
+            rotvec_world=np.empty((n, 3)),
+            limit=np.empty(n),
+            judged=np.empty(n, np.bool_),
+            counted=np.empty(n, np.bool_),
+        )
+        judge_pairs(
+            ballot.votes(2 * n),
+            self._watching(n),
+            self.raw.room(n),
+            self.tilt.room(n),
+            self.heading.room(n),
+            self._sums.room(n),
+            self._memory,
+            self._places(ballot),
+            self._limits,
+            batch.ardupilot.steps,
+            batch.fixed_wing.steps,
+            _Pairs(
+                pairs.frame_index,
+                pairs.t_boot_us,
+                pairs.same_instant,
+                pairs.q_euler,
+                pairs.q_quaternion,
+                pairs.q_euler_sent,
+                pairs.w_nb_b_rad_s,
+                pairs.bound_rad,
+                pairs.after_reset,
+                pairs.interval_id,
+                pairs.duration_us,
+            ),
+            pairs.q_euler_sent is pairs.q_euler,
+            _Found(
+                found.angle,
+                found.tilt,
+                found.heading,
+                found.rotvec_body,
+                found.rotvec_world,
+                found.limit,
+                found.judged,
+                found.counted,
+            ),
         )
 
-    def _mean(self, batch: CheckBatch, found: Disagreement, ballot: Ballot) -> None:
-        """The mean turn of the last seconds' good pairs, in world and body axes: noise averages out, offsets don't."""
-        pairs = batch.pairs
-        good = np.flatnonzero(found.judged & (found.angle <= found.limit) & np.isfinite(found.rotvec_body[:, 0]))
-        good = good[in_order(pairs.t_boot_us[good], self._latest_us)]
-        if not len(good):
-            return
-        t_us = pairs.t_boot_us[good]
-        self._latest_us = int(t_us[-1])
-        bound = pairs.bound_rad[good, None]
-        weight = 1.0 / (_WEIGHT_FLOOR_RAD + bound) ** 2
-        turns = np.hstack((found.rotvec_body[good], found.rotvec_world[good]))
-        sums, count, since_us = self._sums.feed(t_us, np.hstack((weight, (weight * bound) ** 2, weight * turns)))
-        mean = sums[:, 2:] / sums[:, :1]
-        value = np.maximum(length(mean[:, :3]), length(mean[:, 3:]))
-        limit = self._settings.mean_limit_rad + np.sqrt(np.maximum(sums[:, 1], 0.0)) / sums[:, 0]
-        enough = (count >= self._settings.mean_pairs) & (t_us - since_us >= 0.5e6 * self._settings.mean_window_s)
-        detail = np.hstack((found.tilt[good, None], found.heading[good, None], mean[:, :3]))[enough]
-        ballot.rate(
-            self._mean_turn,
-            rated(t_us[enough], pairs.frame_index[good][enough], value[enough], limit[enough], self._slow, detail),
-        )
+    @property
+    def same_instant(self) -> int:
+        """Of the judged pairs, those of one instant."""
+        return int(self._memory["same_instant"][0])
 
-    def _follow_lag(self, w_b_rad_s: Floats, rotvec_body: Floats) -> None:
-        """Sum up, pair after pair, how the difference goes along the rate: a stamp that is late makes it so."""
-        known = finite(w_b_rad_s) & finite(rotvec_body) & (length(w_b_rad_s) < _GREATEST_RATE_RAD_S)
-        w, turn = w_b_rad_s[known], rotvec_body[known]
-        self._along_rate = float(np.cumsum(np.concatenate(([self._along_rate], (w * turn).sum(axis=1))))[-1])
-        self._rate_squared = float(np.cumsum(np.concatenate(([self._rate_squared], (w**2).sum(axis=1))))[-1])
+    @property
+    def counted(self) -> int:
+        """Of the pairs, those that had a vote."""
+        return int(self._memory["counted"][0])
+
+    @property
+    def bad(self) -> int:
+        """Of the pairs that had a vote, those above their limit."""
+        return int(self._memory["bad"][0])
 
     @property
     def lag_ms(self) -> float | None:
@@ -218,9 +213,10 @@ class EulerQuaternion(Check):
 
         A regression, and so small where any other mistake makes the difference: a diagnosis tells better.
         """
-        if self._rate_squared < _LEAST_RATE_RAD_S**2 * max(self.judged, 1):
+        of = self._memory[0]
+        if of["rate_squared"] < _LEAST_RATE_RAD_S**2 * max(self.judged, 1):
             return None
-        return -1e3 * self._along_rate / self._rate_squared
+        return float(-1e3 * of["along_rate"] / of["rate_squared"])
 
     def why_not(self) -> str:
         """Why nothing was judged."""
@@ -235,12 +231,185 @@ class EulerQuaternion(Check):
         return numbers
 
 
-_CALM_US = 5_000_000  # without a bad pair, before the next one is a new onset
-_HELD_US, _HELD_SLOW_US = 3_000_000, 6_000_000  # how long a disagreement may be withheld; for pairs that come slowly
-_SLOW_US = 400_000
-_START_US = 3_000_000
-_OFF_AXIS = 0.05  # share of a turn that may be about other axes
-_MOST_TRIM_RAD = math.radians(10.0)
-_WEIGHT_FLOOR_RAD = math.radians(0.05)
-_GREATEST_RATE_RAD_S = 100.0  # what is more is damage
-_LEAST_RATE_RAD_S = math.radians(2.0)  # root mean square, below which no lag shows
+class _Pairs(NamedTuple):
+    """Columns of `Pairs`, by their names there."""
+
+    frame_index: Int64s
+    t_boot_us: Int64s
+    same_instant: Mask
+    q_euler: FloatRows
+    q_quaternion: FloatRows
+    q_euler_sent: FloatRows
+    w_nb_b_rad_s: FloatRows
+    bound_rad: Floats
+    after_reset: Mask
+    interval_id: Int64s
+    duration_us: Int64s
+
+
+class _Found(NamedTuple):
+    """Columns of `Disagreement`, by their names there."""
+
+    angle: Floats
+    tilt: Floats
+    heading: Floats
+    rotvec_body: FloatRows
+    rotvec_world: FloatRows
+    limit: Floats
+    judged: Mask
+    counted: Mask
+
+
+@kernel
+def judge_pairs(
+    votes: Votes,
+    watched: Watched,
+    raw: Waiting,
+    tilt: Waiting,
+    heading: Waiting,
+    sums: Sliding,
+    memory: Annotated[Records, _MEMORY],
+    places: Int64s,
+    limits: _Limits,
+    ardupilot: tuple[Int64s, Floats],
+    fixed_wing: tuple[Int64s, Floats],
+    pairs: _Pairs,
+    as_sent: bool,
+    found: _Found,
+) -> None:
+    """Compare pairs in order of arrival, rate and count them; fill `found`. `as_sent`: nothing was undone in them."""
+    of = memory[0]
+    for i in range(pairs.t_boot_us.size):
+        _compare(pairs, i, found)
+        _tell(pairs, i, limits, of, found)
+        if of.first_us < 0:
+            of.first_us = pairs.t_boot_us[i]
+        if not found.judged[i]:
+            continue
+        angle, limit = found.angle[i], found.limit[i]
+        watched.of[0].judged += 1
+        watched.of[0].judged_us += pairs.duration_us[i]
+        of.same_instant += pairs.same_instant[i]
+        note(watched, angle)
+        note(raw, angle if as_sent else _apart(pairs.q_euler_sent, pairs.q_quaternion, i))
+        note(tilt, found.tilt[i])
+        note(heading, abs(found.heading[i]))
+        _follow_lag(pairs, i, of, found)
+        if found.counted[i] and angle > limit and held_at(ardupilot, pairs.frame_index[i]) != 0.0:  # NaN: not known yet
+            found.counted[i] = not _is_withheld(pairs, i, of, found, held_at(fixed_wing, pairs.frame_index[i]) != 0.0)
+        if found.counted[i]:
+            of.counted += 1
+            of.bad += angle > limit
+            detail = _detail(found, i, row_at(found.rotvec_body, i))
+            vote(votes, places[0], pairs.frame_index[i], pairs.t_boot_us[i], angle, limit, detail)
+        if angle <= limit and pairs.t_boot_us[i] > of.latest_us and np.isfinite(found.rotvec_body[i, 0]):
+            of.latest_us = pairs.t_boot_us[i]
+            _rate_mean(votes, places[1], pairs, i, limits, sums, found)
+
+
+# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
+
+
+@helper
+def _compare(pairs, i, found):  # type: ignore[no-untyped-def]  # typed by numba
+    """The rotation between both forms, and its parts (rule M17)."""
+    q_euler, norm2 = ray_at(pairs.q_euler, i)
+    q_quaternion, _ = ray_at(pairs.q_quaternion, i)
+    w, x, y, z = product(conjugated(q_euler), q_quaternion)
+    found.angle[i] = angle_of((w, x, y, z))
+    found.tilt[i], found.heading[i] = tilt_heading_of(product(q_quaternion, conjugated(q_euler)))
+    turn = logarithm((w + 0.0, x, y, z))  # of half a turn the axis goes by the sign of w: no negative zero
+    put(turn, found.rotvec_body, i)
+    put(turned(q_euler, norm2, turn), found.rotvec_world, i)
+
+
+@helper
+def _tell(pairs, i, limits, of, found):  # type: ignore[no-untyped-def]  # typed by numba
+    """Judge by a limit that grows with the bound of the alignment.
+
+    A pair above its limit is bad; one below it is good only if the bound leaves anything to tell, else it is not
+    judged. Pairs on one step of the faster stream count once.
+    """
+    bound, interval_id = pairs.bound_rad[i], pairs.interval_id[i]
+    limit = limits.limit_rad + bound  # NaN where the bound is unknown: then not judged
+    judged = (found.angle[i] > limit or bound <= limits.usable_bound_rad) and not pairs.after_reset[i]
+    found.limit[i], found.judged[i] = limit, judged
+    found.counted[i] = judged and (interval_id == -1 or interval_id != of.interval_id)
+    of.interval_id = interval_id
+
+
+@helper
+def _apart(a, b, i):  # type: ignore[no-untyped-def]  # typed by numba
+    """As `angle_between`, of rows `i`."""
+    return angle_of(product(conjugated(ray_at(a, i)[0]), ray_at(b, i)[0]))
+
+
+@helper
+def _follow_lag(pairs, i, of, found):  # type: ignore[no-untyped-def]  # typed by numba
+    """Sum up, pair after pair, how the difference goes along the rate: a stamp that is late makes it so."""
+    w, turn = row_at(pairs.w_nb_b_rad_s, i), row_at(found.rotvec_body, i)
+    if is_known(w) and is_known(turn) and length(w) < _GREATEST_RATE_RAD_S:
+        of.along_rate += w[0] * turn[0] + w[1] * turn[1] + w[2] * turn[2]
+        of.rate_squared += w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+
+
+@helper
+def _is_withheld(pairs, i, of, found, may_be_fixed_wing):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether a bad pair disagrees as a firmware may on purpose, while that could still be found out.
+
+    What a firmware does is told by parameters and modes, or fitted to some pairs: both take a moment. For so long
+    after its onset a disagreement has no vote if it is a turn about the body's y axis on an ArduPlane (a trim, a
+    view), or, where it is there from a boot's first seconds on, no larger than AHRS_TRIM could make it there.
+    """
+    before_us, of.bad_us = of.bad_us, max(of.bad_us, pairs.t_boot_us[i])
+    if of.bad_us - before_us > _CALM_US:
+        of.onset_us = of.bad_us
+    x, _, z = row_at(found.rotvec_body, i)
+    angle, limit = found.angle[i], found.limit[i]
+    about_y = np.hypot(x, z) <= _OFF_AXIS * angle + limit
+    q_nb, norm2 = ray_at(pairs.q_quaternion, i)
+    _, _, cos_tilt = down_of(q_nb, norm2)
+    tilt = np.arccos(np.minimum(np.maximum(cos_tilt, -1.0), 1.0))
+    by_trim = angle <= 2.0 * np.sin(tilt / 2.0) * _MOST_TRIM_RAD + limit
+    is_starting = of.onset_us - of.first_us < _START_US
+    held_us = _HELD_SLOW_US if pairs.duration_us[i] >= _SLOW_US else _HELD_US
+    is_young = of.bad_us - of.onset_us < held_us
+    return is_young and ((about_y and may_be_fixed_wing) or (by_trim and is_starting))
+
+
+@helper
+def _rate_mean(votes, place, pairs, i, limits, sums, found):  # type: ignore[no-untyped-def]  # typed by numba
+    """The mean turn of the last seconds' good pairs, in world and body axes: noise averages out, offsets don't."""
+    t_us, bound = pairs.t_boot_us[i], pairs.bound_rad[i]
+    weight = 1.0 / ((_WEIGHT_FLOOR_RAD + bound) * (_WEIGHT_FLOOR_RAD + bound))
+    spread = weight * bound
+    bx, by, bz = row_at(found.rotvec_body, i)
+    wx, wy, wz = row_at(found.rotvec_world, i)
+    row = weight, spread * spread, weight * bx, weight * by, weight * bz, weight * wx, weight * wy, weight * wz
+    count, since_us = slide_in(sums, t_us, row)
+    if count < limits.mean_pairs or t_us - since_us < 0.5e6 * limits.mean_window_s:
+        return
+    total, weights = sums.sums, sums.sums[0]
+    in_body = total[2] / weights, total[3] / weights, total[4] / weights
+    in_world = total[5] / weights, total[6] / weights, total[7] / weights
+    limit = limits.mean_limit_rad + np.sqrt(max(total[1], 0.0)) / weights
+    value = max(length(in_body), length(in_world))
+    vote(votes, place, pairs.frame_index[i], t_us, value, limit, _detail(found, i, in_body))
+
+
+@helper
+def _detail(found, i, turn):  # type: ignore[no-untyped-def]  # typed by numba
+    return found.tilt[i], found.heading[i], turn[0], turn[1], turn[2]
+
+
+_NOTHING = Disagreement(
+    frame_index=np.empty(0, np.int64),
+    angle=np.empty(0),
+    tilt=np.empty(0),
+    heading=np.empty(0),
+    rotvec_body=np.empty((0, 3)),
+    rotvec_world=np.empty((0, 3)),
+    limit=np.empty(0),
+    judged=np.empty(0, np.bool_),
+    counted=np.empty(0, np.bool_),
+)

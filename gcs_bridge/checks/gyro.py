@@ -7,64 +7,41 @@ the difference is followed slowly, and only what comes on top of it counts.
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.alarms.votes import Ballot
-from gcs_bridge.checks.base import ImuCheck, along, length, rated
+from gcs_bridge.alarms.votes import Ballot, Votes, vote
+from gcs_bridge.attitude.quaternion import length
+from gcs_bridge.checks.base import ImuCheck, Watched, is_known, watch
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.checks.windows import Turning
-from gcs_bridge.columns import FloatRows, Floats, Int64s
-from gcs_bridge.jit import kernel
+from gcs_bridge.checks.windows import new_turning, told_by_rates
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Records
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings, GyroSettings
-from gcs_bridge.telemetry.samples import finite
 
 _BLOCK_US = 10_000_000  # after so long, the lag between the clocks is estimated anew
 _LEAST_CHANGE_RAD_S2 = math.radians(20.0)  # on average, before a lag can be told
 _LONGEST_LAG_S = 0.1
 
-# Slots of the kernel's state.
-_STARTED, _FIRST_US, _LAST_US, _BLOCK_END_US, _LAG_S, _ALONG, _SQUARES, _COUNT, _BIAS = range(9)  # the bias has three
-
-
-@kernel
-def follow_bias(
-    t_us: Int64s,
-    difference: FloatRows,
-    change: FloatRows,
-    bias_time_s: float,
-    block_us: int,
-    state: Floats,
-    out: FloatRows,
-) -> None:
-    """Take lag and bias out of `difference` (n, 3), rad/s, sample after sample; the rest goes to `out` (n, 3).
-
-    `change` (n, 3), rad/s², is how the rates change: by it a lag of the clocks shows. The bias follows with the time
-    constant `bias_time_s`, faster in the beginning; a sample is judged by what was known before it.
-    """
-    for i in range(t_us.size):
-        if state[_STARTED] == 0.0:
-            state[_STARTED], state[_BLOCK_END_US] = 1.0, t_us[i] + block_us
-            state[_FIRST_US], state[_LAST_US] = t_us[i], t_us[i]
-            for axis in range(3):
-                state[_BIAS + axis] = difference[i, axis]
-        if t_us[i] >= state[_BLOCK_END_US]:
-            if state[_COUNT] > 0 and state[_SQUARES] > _LEAST_CHANGE_RAD_S2**2 * state[_COUNT]:
-                lag = state[_LAG_S] + state[_ALONG] / state[_SQUARES]
-                state[_LAG_S] = min(max(lag, -_LONGEST_LAG_S), _LONGEST_LAG_S)
-            state[_ALONG], state[_SQUARES], state[_COUNT], state[_BLOCK_END_US] = 0.0, 0.0, 0.0, t_us[i] + block_us
-        age_s = max((t_us[i] - state[_FIRST_US]) * 1e-6, 0.0)
-        step_s = max((t_us[i] - state[_LAST_US]) * 1e-6, 0.0)
-        state[_LAST_US] = max(t_us[i], state[_LAST_US])
-        share = step_s / max(min(age_s, bias_time_s), 1e-3)
-        state[_COUNT] += 1.0
-        for axis in range(3):
-            rest = difference[i, axis] - state[_LAG_S] * change[i, axis]
-            out[i, axis] = rest - state[_BIAS + axis]
-            state[_ALONG] += out[i, axis] * change[i, axis]
-            state[_SQUARES] += change[i, axis] ** 2
-            state[_BIAS + axis] += min(share, 1.0) * out[i, axis]
+_STATE = np.dtype(
+    [
+        ("started", "i8"),
+        ("first_us", "i8"),
+        ("last_us", "i8"),
+        ("bias_rad_s", "f8", (3,)),
+        ("lag_s", "f8"),  # of the clocks
+        # Of the block that the next lag is estimated by.
+        ("block_end_us", "i8"),
+        ("along", "f8"),  # sum of the differences along the changes of rate
+        ("squares", "f8"),  # and of these changes' squares
+        ("count", "i8"),
+        # Of the settings.
+        ("bias_time_s", "f8"),
+        ("skipped_us", "f8"),
+        ("usable_below_rad_s", "f8"),
+    ]
+)
 
 
 class Gyro(ImuCheck):
@@ -80,9 +57,9 @@ class Gyro(ImuCheck):
         """Start with nothing judged."""
         super().__init__()
         self._settings = settings
-        self._delays = delays
+        self._limits = settings.warning_rad_s, settings.alarm_rad_s
         what = "the IMU's gyro and the attitude's rates differ"
-        self.alarm_specs = self._warning, self._alarm = self._warning_and_alarm(what, delays)
+        self.alarm_specs = self._warning_and_alarm(what, delays)
         self._start()
 
     def start_boot(self) -> None:
@@ -91,37 +68,30 @@ class Gyro(ImuCheck):
         self._start()
 
     def _start(self) -> None:
-        self._state = np.zeros(_BIAS + 3)
-        self._turning = Turning()
-        self._first_us: int | None = None
+        settings = self._settings
+        self._state, self._turning = np.zeros(1, _STATE), new_turning()
+        self._state["bias_time_s"], self._state["skipped_us"] = settings.bias_time_s, settings.skipped_s * 1e6
+        self._state["usable_below_rad_s"] = settings.usable_below_rad_s
 
     def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Rate each sample of the IMU between two of the attitude."""
         self._follow_scale(batch, ballot)
-        seen = batch.imu_with_attitude.where(finite(batch.imu_with_attitude.w_b_rad_s))
-        # Beyond what gyros can measure, and where the int16 of the wire starts anew (32.767 rad/s), they tell nothing,
-        # of their bias neither.
-        speeds = length(seen.w0_b_rad_s), length(seen.w1_b_rad_s)
-        told = self._turning.told_by_rates(seen.w0_b_rad_s, seen.w1_b_rad_s, seen.gap_s)
-        told &= (speeds[0] > 0) & (speeds[1] > 0) & (np.maximum(*speeds) < self._settings.usable_below_rad_s)
-        seen = seen.where(told)
-        found_t, frame_index = seen.t_boot_us, seen.frame_index
-        step = seen.w1_b_rad_s - seen.w0_b_rad_s
-        difference = seen.w_b_rad_s - (seen.w0_b_rad_s + seen.place[:, None] * step)
-        change = step / np.maximum(seen.gap_s, 1e-3)[:, None]
-        rest = np.empty_like(difference)
-        follow_bias(found_t, difference, change, self._settings.bias_time_s, _BLOCK_US, self._state, rest)
-        if self._first_us is None and len(found_t):
-            self._first_us = int(found_t[0])
-        since_us = (self._first_us or 0) + self._settings.skipped_s * 1e6
-        value = length(rest)
-        judged = found_t >= since_us
-        self._watch(found_t, value, judged)
-        allowed = length(step)[judged]
-        detail = along(rest[judged])
-        for spec, limit in ((self._warning, self._settings.warning_rad_s), (self._alarm, self._settings.alarm_rad_s)):
-            ballot.rate(
-                spec, rated(found_t[judged], frame_index[judged], value[judged], limit + allowed, self._delays, detail)
+        seen = batch.imu_with_attitude
+        if n := len(seen):
+            rate_gyro(
+                ballot.votes(2 * n),
+                self._watching(n),
+                self._places(ballot),
+                self._limits,
+                self._state,
+                self._turning,
+                seen.frame_index,
+                seen.t_boot_us,
+                seen.w_b_rad_s,
+                seen.w0_b_rad_s,
+                seen.w1_b_rad_s,
+                seen.gap_s,
+                seen.place,
             )
 
     def why_not(self) -> str:
@@ -129,3 +99,95 @@ class Gyro(ImuCheck):
         if self._scale is None:
             return "no message with a gyro was received"
         return f"no gyro sample came between two attitudes with rates ({self._scale})"
+
+
+@kernel
+def rate_gyro(
+    votes: Votes,
+    watched: Watched,
+    places: Int64s,
+    limits: tuple[float, float],
+    states: Annotated[Records, _STATE],
+    turning: Floats,
+    frame_index: Int64s,
+    t_us: Int64s,
+    w: FloatRows,
+    w0: FloatRows,
+    w1: FloatRows,
+    gap_s: Floats,
+    place: Floats,
+) -> None:
+    """Rate a gyro's samples `w` (n, 3), each at its place (n,) between two rates of the attitude, rad/s."""
+    state = states[0]
+    for i in range(t_us.size):
+        if not is_known(w[i]) or not _is_told(state, turning, w0[i], w1[i], gap_s[i]):
+            continue
+        dx, dy, dz = w1[i, 0] - w0[i, 0], w1[i, 1] - w0[i, 1], w1[i, 2] - w0[i, 2]
+        x, y, z = (
+            w[i, 0] - (w0[i, 0] + place[i] * dx),
+            w[i, 1] - (w0[i, 1] + place[i] * dy),
+            w[i, 2] - (w0[i, 2] + place[i] * dz),
+        )
+        if not state.started:
+            _begin(state, t_us[i], (x, y, z))
+        _follow_lag(state, t_us[i])
+        share, dt = _share(state, t_us[i]), max(gap_s[i], 1e-3)
+        state.count += 1
+        x = _beyond_bias(state, 0, x, dx / dt, share)
+        y = _beyond_bias(state, 1, y, dy / dt, share)
+        z = _beyond_bias(state, 2, z, dz / dt, share)
+        value = length((x, y, z))
+        judged = t_us[i] >= state.first_us + state.skipped_us
+        watch(watched, t_us[i], value, judged)
+        allowed = length((dx, dy, dz))  # read a sample early or late, a gyro is off by what the rates change
+        for k in range(2):
+            if judged:
+                vote(votes, places[k], frame_index[i], t_us[i], value, limits[k] + allowed, (np.nan, np.nan, x, y, z))
+
+
+@helper
+def _is_told(state, turning, w0, w1, gap_s):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether two rates of the attitude tell what is between them.
+
+    Beyond what gyros can measure, and where the int16 of the wire starts anew (32.767 rad/s), they tell nothing, of
+    their bias neither.
+    """
+    speed0, speed1 = length((w0[0], w0[1], w0[2])), length((w1[0], w1[1], w1[2]))
+    told = told_by_rates(turning, speed0, speed1, gap_s)
+    return told and speed0 > 0 and speed1 > 0 and max(speed0, speed1) < state.usable_below_rad_s
+
+
+@helper
+def _begin(state, t_us, difference):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take the first difference for the bias."""
+    state.started, state.first_us, state.last_us, state.block_end_us = 1, t_us, t_us, t_us + _BLOCK_US
+    for axis in range(3):
+        state.bias_rad_s[axis] = difference[axis]
+
+
+@helper
+def _share(state, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """By which share of a difference the bias follows: with its time constant, faster in the beginning."""
+    age_s, step_s = max((t_us - state.first_us) * 1e-6, 0.0), max((t_us - state.last_us) * 1e-6, 0.0)
+    state.last_us = max(t_us, state.last_us)
+    return min(step_s / max(min(age_s, state.bias_time_s), 1e-3), 1.0)
+
+
+@helper
+def _follow_lag(state, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """At the end of a block, take from it how much further the clocks lag: that shows where the rates change."""
+    if t_us < state.block_end_us:
+        return
+    if state.squares > _LEAST_CHANGE_RAD_S2**2 * state.count:
+        state.lag_s = min(max(state.lag_s + state.along / state.squares, -_LONGEST_LAG_S), _LONGEST_LAG_S)
+    state.along, state.squares, state.count, state.block_end_us = 0.0, 0.0, 0, t_us + _BLOCK_US
+
+
+@helper
+def _beyond_bias(state, axis, difference, change, share):  # type: ignore[no-untyped-def]  # typed by numba
+    """What is left of a difference, rad/s, without lag and bias, as they were known before; then follow them."""
+    beyond = difference - state.lag_s * change - state.bias_rad_s[axis]
+    state.along += beyond * change
+    state.squares += change * change
+    state.bias_rad_s[axis] += share * beyond
+    return beyond

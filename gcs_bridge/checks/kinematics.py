@@ -13,21 +13,30 @@ import numpy as np
 from msgspec.structs import replace
 
 from gcs_bridge.alarms.spec import AlarmSpec
-from gcs_bridge.alarms.votes import Ballot
-from gcs_bridge.checks.base import Check, along, length, rated
+from gcs_bridge.alarms.votes import Ballot, Votes, vote
+from gcs_bridge.attitude.quaternion import length
+from gcs_bridge.checks.base import Check, Watched, row_at, watch
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.checks.windows import SlidingSums, Turning
-from gcs_bridge.columns import Floats, Mask
+from gcs_bridge.checks.windows import Sliding, SlidingSums, new_turning, slide_in, told_by_rates
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.pairing.steps import Steps
 from gcs_bridge.settings import AlarmSettings, KinematicsSettings
 from gcs_bridge.telemetry.samples import STREAMS
 
+_COHERENCE = 0.8  # squared correlation, from which on a slope means a scale
+_STILL_RAD = math.radians(0.01)  # what a step turns at rest, by rounding
+_COLUMNS = 10  # of the sums: per body axis turn times rate, rate squared, turn squared; and how many are usable
 
-class _StreamAlarms(NamedTuple):
-    """Of one stream: an alarm of its steps, and a warning of the slope on any axis."""
 
-    steps: AlarmSpec
-    slope: AlarmSpec
+class _SlopeLimits(NamedTuple):
+    """What of the settings the kernel needs."""
+
+    window_s: float
+    least_hz: float
+    least_rad_s: float
+    low: float
+    high: float
 
 
 class Kinematics(Check):
@@ -40,110 +49,178 @@ class Kinematics(Check):
     def __init__(self, settings: KinematicsSettings, delays: AlarmSettings) -> None:
         """Start with nothing judged."""
         super().__init__()
-        self._settings = settings
-        self._delays = delays
-        self._slow = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.slope_window_s / 2)
-        self._alarms = tuple(self._alarms_of(name) for name in STREAMS)
-        self.alarm_specs = tuple(spec for alarms in self._alarms for spec in alarms)
-        self._start_slopes()
+        self._limits = _SlopeLimits(
+            window_s=settings.slope_window_s,
+            least_hz=settings.slope_least_hz,
+            least_rad_s=settings.slope_least_rad_s,
+            low=settings.slope_low,
+            high=settings.slope_high,
+        )
+        slow = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.slope_window_s / 2)
+        self.alarm_specs = tuple(spec for name in STREAMS for spec in self._alarms_of(name, delays, slow))
+        self._start()
 
-    def _alarms_of(self, name: str) -> _StreamAlarms:
+    def _alarms_of(self, name: str, delays: AlarmSettings, slow: AlarmSettings) -> tuple[AlarmSpec, AlarmSpec]:
+        """Of one stream: an alarm of its steps, and a warning of the slope on any axis."""
         what = f"the rates of {name} have another scale than its turn"
-        return _StreamAlarms(
-            steps=self._alarm_spec(f"{name} steps", "alarm", f"{name} does not turn as its rates say", self._delays),
-            slope=self._alarm_spec(f"{name} slope", "warning", what, self._slow, unit="1"),
+        return (
+            self._alarm_spec(f"{name} steps", "alarm", f"{name} does not turn as its rates say", delays),
+            self._alarm_spec(f"{name} slope", "warning", what, slow, unit="1"),
         )
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
         super().start_boot()
-        self._start_slopes()
+        self._start()
 
-    def _start_slopes(self) -> None:
-        self._sums = [SlidingSums(self._settings.slope_window_s, 10) for _ in STREAMS]
-        self._turning = [Turning() for _ in STREAMS]
-        self._denied = [False for _ in STREAMS]
+    def _start(self) -> None:
+        self._sums = [SlidingSums(self._limits.window_s, _COLUMNS) for _ in STREAMS]
+        self._turning = np.stack([new_turning() for _ in STREAMS])
+        self._denied = np.zeros(len(STREAMS), np.bool_)
 
     def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Rate every step of both streams."""
-        both = batch.steps
-        told = [
-            turning.told_by_rates(steps.w0_b_rad_s, steps.w1_b_rad_s, steps.h_s)
-            for turning, steps in zip(self._turning, both, strict=True)
-        ]
-        reported = [_reported(steps) for steps in both]
-        arrival = np.argsort(np.concatenate([steps.frame_index for steps in both]), kind="stable")
-        t_us = np.concatenate([steps.t1_us for steps in both])[arrival]
-        kin = np.concatenate([steps.rate_residual_rad for steps in both])[arrival]
-        usable = np.concatenate(told)[arrival] & np.concatenate(reported)[arrival]
-        self._watch(t_us, kin, np.isfinite(kin) & usable)
-        for k, (steps, alarms, sums) in enumerate(zip(both, self._alarms, self._sums, strict=True)):
-            if not len(steps):
-                continue
-            # A lone step that the rates deny is a reset of the estimator: it has no vote.
-            alone = steps.contradicts_rates & ~np.concatenate(([self._denied[k]], steps.contradicts_rates[:-1]))
-            self._denied[k] = bool(steps.contradicts_rates[-1])
-            usable = np.isfinite(steps.rate_residual_rad) & reported[k]
-            by_rates = _turn_by_rates(steps)
-            rows = np.flatnonzero(usable & told[k] & ~alone)
-            # What hardly turned is no contradiction, whatever the rates say of it.
-            value = np.where(
-                steps.contradicts_rates, steps.rate_residual_rad, np.minimum(steps.rate_residual_rad, steps.limit_rad)
-            )[rows]
-            detail = along((steps.turn_b_rad - by_rates)[rows])
-            rating = rated(
-                steps.t1_us[rows], steps.frame_index[rows], value, steps.limit_rad[rows], self._delays, detail
+        euler, quaternion = batch.steps
+        if n := len(euler) + len(quaternion):
+            judge_steps(
+                ballot.votes(2 * n),
+                self._watching(n),
+                self._places(ballot),
+                self._limits,
+                self._turning,
+                self._denied,
+                _columns(euler),
+                _columns(quaternion),
+                self._sums[0].room(len(euler)),
+                self._sums[1].room(len(quaternion)),
             )
-            ballot.rate(alarms.steps, rating)
-            self._slope(alarms.slope, sums, steps, by_rates, usable & ~steps.contradicts_rates, ballot)
-
-    def _slope(
-        self, spec: AlarmSpec, sums: SlidingSums, steps: Steps, by_rates: Floats, usable: Mask, ballot: Ballot
-    ) -> None:
-        """Turn over rate, per body axis, by least squares over the last seconds."""
-        settings = self._settings
-        by_rates, turn = np.where(usable[:, None], by_rates, 0.0), np.where(usable[:, None], steps.turn_b_rad, 0.0)
-        h = steps.h_s[:, None]
-        products = np.hstack((turn * by_rates / h, by_rates**2 / h, turn**2 / h, usable.astype(np.float64)[:, None]))
-        totals, _, since_us = sums.feed(steps.t1_us, products)
-        span_s = (steps.t1_us - since_us) * 1e-6
-        seen = (totals[:, 9] >= settings.slope_least_hz * span_s) & (span_s >= 0.8 * settings.slope_window_s)
-        across, rates, turns = totals[:, :3], totals[:, 3:6], totals[:, 6:9]
-        # Vibration faster than the samples looks like any slope, but turn and rate then hardly go together.
-        coherent = across**2 >= _COHERENCE * rates * turns
-        turned = (rates > settings.slope_least_rad_s**2 * span_s[:, None]) & coherent
-        slope = np.divide(across, rates, out=np.ones((len(h), 3)), where=turned)
-        # On one scale for both sides: 1 at the limit, above it beyond.
-        off = np.where(
-            slope > 1.0,
-            (slope - 1.0) / (settings.slope_high - 1.0),
-            (1.0 - slope) / (1.0 - settings.slope_low),
-        )
-        rows = np.flatnonzero(seen)
-        off = off[rows]
-        value = np.maximum(np.maximum(off[:, 0], off[:, 1]), off[:, 2])
-        ballot.rate(
-            spec,
-            rated(
-                steps.t1_us[rows], steps.frame_index[rows], value, 1.0, self._slow, along(np.maximum(off - 1.0, 0.0))
-            ),
-        )
 
     def why_not(self) -> str:
         """Why nothing was judged."""
         return "no stream brought two attitudes in a row with body rates"
 
 
-_COHERENCE = 0.8  # squared correlation, from which on a slope means a scale
-_STILL_RAD = math.radians(0.01)  # what a step turns at rest, by rounding
+class _Steps(NamedTuple):
+    """Columns of `Steps`, by their names there."""
+
+    frame_index: Int64s
+    t0_us: Int64s
+    t1_us: Int64s
+    w0_b_rad_s: FloatRows
+    w1_b_rad_s: FloatRows
+    turn_b_rad: FloatRows
+    rate_residual_rad: Floats
+    limit_rad: Floats
+    contradicts_rates: Mask
 
 
-def _reported(steps: Steps) -> Mask:
-    """Which steps have rates to be judged by: exactly zero at both ends of a turn, they are not reported."""
-    zero = (length(steps.w0_b_rad_s) == 0) & (length(steps.w1_b_rad_s) == 0)
-    return np.asarray(~zero | (length(steps.turn_b_rad) <= _STILL_RAD))
+def _columns(steps: Steps) -> _Steps:
+    return _Steps(
+        steps.frame_index,
+        steps.t0_us,
+        steps.t1_us,
+        steps.w0_b_rad_s,
+        steps.w1_b_rad_s,
+        steps.turn_b_rad,
+        steps.rate_residual_rad,
+        steps.limit_rad,
+        steps.contradicts_rates,
+    )
 
 
-def _turn_by_rates(steps: Steps) -> Floats:
-    """The turn (n, 3), rad, that the mean of the rates at both ends makes of each step."""
-    return np.asarray(0.5 * steps.h_s[:, None] * (steps.w0_b_rad_s + steps.w1_b_rad_s))
+class _Following(NamedTuple):
+    """What is followed of both streams, and who is told."""
+
+    votes: Votes
+    watched: Watched
+    places: Int64s  # of each stream the alarm of its steps, then the one of its slope
+    limits: _SlopeLimits
+    turning: FloatRows  # (2, 5)
+    denied: Mask  # (2,) whether the rates denied the last step
+
+
+@kernel
+def judge_steps(
+    votes: Votes,
+    watched: Watched,
+    places: Int64s,
+    limits: _SlopeLimits,
+    turning: FloatRows,
+    denied: Mask,
+    euler: _Steps,
+    quaternion: _Steps,
+    euler_sums: Sliding,
+    quaternion_sums: Sliding,
+) -> None:
+    """Rate the steps of both streams in order of arrival; of one frame, the Euler angles' first."""
+    following = _Following(votes, watched, places, limits, turning, denied)
+    i, j, n, m = 0, 0, euler.t1_us.size, quaternion.t1_us.size
+    while i < n or j < m:
+        if j == m or (i < n and euler.frame_index[i] <= quaternion.frame_index[j]):
+            _judge_step(following, 0, euler, i, euler_sums)
+            i += 1
+        else:
+            _judge_step(following, 1, quaternion, j, quaternion_sums)
+            j += 1
+
+
+# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
+
+
+@helper
+def _judge_step(following, k, steps, i, sums):  # type: ignore[no-untyped-def]  # typed by numba
+    """Rate step `i` of stream `k`."""
+    t_us, frame_index = steps.t1_us[i], steps.frame_index[i]
+    residual, limit, denied = steps.rate_residual_rad[i], steps.limit_rad[i], steps.contradicts_rates[i]
+    h_s = (t_us - steps.t0_us[i]) * 1e-6
+    w0, w1, turn = row_at(steps.w0_b_rad_s, i), row_at(steps.w1_b_rad_s, i), row_at(steps.turn_b_rad, i)
+    speed0, speed1 = length(w0), length(w1)
+    told = told_by_rates(following.turning[k], speed0, speed1, h_s)
+    # Exactly zero at both ends of a turn, rates are not reported.
+    reported = speed0 != 0.0 or speed1 != 0.0 or length(turn) <= _STILL_RAD
+    usable = reported and np.isfinite(residual)
+    watch(following.watched, t_us, residual, usable and told)
+    # A lone step that the rates deny is a reset of the estimator: it has no vote.
+    is_alone = denied and not following.denied[k]
+    following.denied[k] = denied
+    # The turn that the mean of the rates at both ends makes.
+    half = 0.5 * h_s
+    by_rates = half * (w0[0] + w1[0]), half * (w0[1] + w1[1]), half * (w0[2] + w1[2])
+    if usable and told and not is_alone:
+        # What hardly turned is no contradiction, whatever the rates say of it.
+        value = residual if denied else min(residual, limit)
+        detail = np.nan, np.nan, turn[0] - by_rates[0], turn[1] - by_rates[1], turn[2] - by_rates[2]
+        vote(following.votes, following.places[2 * k], frame_index, t_us, value, limit, detail)
+    if not usable or denied:
+        turn = by_rates = 0.0, 0.0, 0.0
+    row = (
+        turn[0] * by_rates[0] / h_s,
+        turn[1] * by_rates[1] / h_s,
+        turn[2] * by_rates[2] / h_s,
+        by_rates[0] * by_rates[0] / h_s,
+        by_rates[1] * by_rates[1] / h_s,
+        by_rates[2] * by_rates[2] / h_s,
+        turn[0] * turn[0] / h_s,
+        turn[1] * turn[1] / h_s,
+        turn[2] * turn[2] / h_s,
+        1.0 if usable and not denied else 0.0,
+    )
+    _, since_us = slide_in(sums, t_us, row)
+    span_s = (t_us - since_us) * 1e-6
+    limits = following.limits
+    if sums.sums[9] >= limits.least_hz * span_s and span_s >= 0.8 * limits.window_s:
+        off = _off(sums.sums, 0, span_s, limits), _off(sums.sums, 1, span_s, limits), _off(sums.sums, 2, span_s, limits)
+        detail = np.nan, np.nan, max(off[0] - 1.0, 0.0), max(off[1] - 1.0, 0.0), max(off[2] - 1.0, 0.0)
+        vote(following.votes, following.places[2 * k + 1], frame_index, t_us, max(off), 1.0, detail)
+
+
+@helper
+def _off(sums, axis, span_s, limits):  # type: ignore[no-untyped-def]  # typed by numba
+    """How far turn over rate about a body axis, by least squares, is from 1: 1 at the limit, on both sides."""
+    across, rates, turns = sums[axis], sums[3 + axis], sums[6 + axis]
+    # Vibration faster than the samples looks like any slope, but turn and rate then hardly go together.
+    is_coherent = across * across >= _COHERENCE * rates * turns
+    if not is_coherent or rates <= limits.least_rad_s * limits.least_rad_s * span_s:
+        return 0.0
+    slope = across / rates
+    return (slope - 1.0) / (limits.high - 1.0) if slope > 1.0 else (1.0 - slope) / (1.0 - limits.low)

@@ -7,17 +7,35 @@ healthy aircraft.
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from gcs_bridge import attitude
 from gcs_bridge.alarms.votes import Ballot
-from gcs_bridge.checks.base import Check, length
+from gcs_bridge.attitude.compiled import ray_at, vector_at
+from gcs_bridge.attitude.gravity import down_of
+from gcs_bridge.attitude.quaternion import length, turned
+from gcs_bridge.checks.base import Check, Watched, watch
 from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.columns import FloatRows, Int64s, Records
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import MagHeadingSettings
 
 _LEAST_GAUSS = 0.01  # the earth's field is 0.2 to 0.7: what reads less is no compass
+
+
+_STATE = np.dtype(
+    [
+        ("started", "i8"),
+        ("first_us", "i8"),  # the first field
+        ("north", "f8"),  # running sum of the difference's direction
+        ("east", "f8"),
+        # Of the settings.
+        ("skipped_us", "f8"),
+        ("quiet_below_rad_s", "f8"),
+        ("quiet_down", "f8"),  # the cosine of the bank
+    ]
+)
 
 
 class MagHeading(Check):
@@ -39,29 +57,26 @@ class MagHeading(Check):
         self._start()
 
     def _start(self) -> None:
-        self._first_us: int | None = None
-        self._mean = np.zeros((1, 2))  # running sum of the difference's direction
+        settings = self._settings
+        self._state = np.zeros(1, _STATE)
+        self._state["skipped_us"] = settings.skipped_s * 1e6
+        self._state["quiet_below_rad_s"], self._state["quiet_down"] = (
+            settings.quiet_below_rad_s,
+            np.cos(settings.quiet_bank_rad),
+        )
 
     def judge(self, batch: CheckBatch, _ballot: Ballot) -> None:
         """Follow the difference; nothing is rated."""
-        seen = batch.imu_with_attitude.where(length(batch.imu_with_attitude.m_b_gauss) > _LEAST_GAUSS)
-        if not len(seen):
-            return
-        t_us = seen.t_boot_us
-        if self._first_us is None:
-            self._first_us = int(t_us[0])
-        # With the attitude's own heading the field lies in one direction: north, but for the constant difference.
-        field_n = attitude.rotate(seen.q_nb, seen.m_b_gauss)
-        size = np.hypot(field_n[:, 0], field_n[:, 1])
-        direction = np.divide(field_n[:, :2], size[:, None], out=np.zeros((len(size), 2)), where=size[:, None] > 0)
-        sums = np.cumsum(np.concatenate((self._mean[-1:], direction)), axis=0)
-        self._mean = sums[-1:]
-        mean = sums[:-1]
-        cross = mean[:, 0] * direction[:, 1] - mean[:, 1] * direction[:, 0]
-        value = np.abs(np.arctan2(cross, (mean * direction).sum(axis=1)))
-        rates, down = np.nan_to_num(seen.w1_b_rad_s), attitude.body_down(seen.q_nb)
-        calm = (length(rates) < self._settings.quiet_below_rad_s) & (down[:, 2] > np.cos(self._settings.quiet_bank_rad))
-        self._watch(t_us, value, calm & (t_us - self._first_us >= self._settings.skipped_s * 1e6) & (size > 0))
+        seen = batch.imu_with_attitude
+        if n := len(seen):
+            follow_difference(
+                self._watching(n),
+                self._state,
+                seen.t_boot_us,
+                seen.m_b_gauss,
+                seen.q_nb,
+                seen.w1_b_rad_s,
+            )
 
     def why_not(self) -> str:
         """Why nothing was judged."""
@@ -74,3 +89,39 @@ class MagHeading(Check):
         if off > self._settings.information_rad:
             return f"in a twentieth of it the compass was off by more than {math.degrees(off):.0f}°: a hint, no alarm"
         return None
+
+
+@kernel
+def follow_difference(
+    watched: Watched,
+    states: Annotated[Records, _STATE],
+    t_us: Int64s,
+    field_b: FloatRows,
+    q_nb: FloatRows,
+    w: FloatRows,
+) -> None:
+    """Follow the compass's difference at samples (n,) with their attitude; `w` (n, 3) are its rates."""
+    state = states[0]
+    for i in range(t_us.size):
+        field = vector_at(field_b, i)
+        if not length(field) > _LEAST_GAUSS:
+            continue
+        if not state.started:
+            state.started, state.first_us = 1, t_us[i]
+        q, norm2 = ray_at(q_nb, i)
+        # With the attitude's own heading the field lies in one direction: north, but for the constant difference.
+        x, y, _ = turned(q, norm2, field)
+        size = np.hypot(x, y)
+        judged = size > 0 and t_us[i] - state.first_us >= state.skipped_us and _is_calm(state, q, norm2, w, i)
+        x, y = (x / size, y / size) if size > 0 else (0.0, 0.0)
+        off = abs(np.arctan2(state.north * y - state.east * x, state.north * x + state.east * y)) if judged else 0.0
+        state.north, state.east = state.north + x, state.east + y
+        watch(watched, t_us[i], off, judged)
+
+
+@helper
+def _is_calm(state, q, norm2, rates, i):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether the vehicle neither turns fast nor is banked far; rates that are no number are none."""
+    x, y, z = rates[i, 0], rates[i, 1], rates[i, 2]
+    rate = length((x if x == x else 0.0, y if y == y else 0.0, z if z == z else 0.0))
+    return rate < state.quiet_below_rad_s and down_of(q, norm2)[2] > state.quiet_down

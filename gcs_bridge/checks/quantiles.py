@@ -10,20 +10,18 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from gcs_bridge.columns import Floats, Int64s
-from gcs_bridge.jit import helper
+from gcs_bridge.jit import helper, kernel
 
 _SMALLEST = 1e-12  # anything below counts as zero
 _LARGEST = 1e4
-_LOG_RATIO = math.log(1.001)
-_BINS = math.ceil(math.log(_LARGEST / _SMALLEST) / _LOG_RATIO) + 1
+_PER_LOG = 1.0 / math.log(1.001)  # bins
+_FIRST = math.log(_SMALLEST) * _PER_LOG
+_BINS = math.ceil(math.log(_LARGEST / _SMALLEST) * _PER_LOG) + 1
 _BLOCK = 128  # bins, a factor of 1.14 between numbers, for which there is room as soon as one of them is needed
 _BLOCKS = _BINS // _BLOCK + 1
-
-
-_FEW, _MANY = 64, 8192  # numbers that can wait to be counted, at first and at most
+_FEW, _MANY = 64, 8192  # numbers that can wait to be counted: at first, and before they are
 
 
 class Waiting(NamedTuple):
@@ -45,7 +43,6 @@ class Quantiles:
 
     def __init__(self) -> None:
         """Start empty."""
-        self._count = 0
         self._max = math.nan
         self._bins: _Bins | None = None  # many a check never judges anything
         self._waiting = Waiting(value=np.empty(0), waiting=np.zeros(1, np.int64))
@@ -57,8 +54,8 @@ class Quantiles:
             if taken + more > _MANY:
                 self._settle()
                 taken = 0
-            if more + taken > len(self._waiting.value):
-                value = np.empty(max(2 * (taken + more), _FEW))
+            if taken + more > len(self._waiting.value):
+                value = np.empty(max(taken + more, min(2 * (taken + more), _MANY), _FEW))
                 value[:taken] = self._waiting.value[:taken]
                 self._waiting = self._waiting._replace(value=value)
         return self._waiting
@@ -74,7 +71,7 @@ class Quantiles:
     def count(self) -> int:
         """How many numbers were taken."""
         self._settle()
-        return self._count
+        return 0 if self._bins is None else self._bins.count
 
     @property
     def max(self) -> float:
@@ -82,25 +79,22 @@ class Quantiles:
         self._settle()
         return self._max
 
-    def add(self, values: npt.NDArray[np.float64]) -> None:
+    def add(self, values: Floats) -> None:
         """Take the values, in their order: the sums do not depend on how a stream was cut."""
         self._settle()
-        values = values[~np.isnan(values)]
-        if not values.size:
+        if np.isnan(values).all():
             return
         if self._bins is None:
             self._bins = _Bins()
-        self._count += values.size
-        self._max = float(np.fmax(self._max, values.max()))
-        bins = np.ceil(np.log(np.maximum(values, _SMALLEST) / _SMALLEST) / _LOG_RATIO).astype(np.int64)
-        self._bins.add(np.minimum(bins, _BINS), values)
+        self._bins.add(values)
+        self._max = float(np.fmax.reduce(values, initial=self._max))
 
     def quantile(self, share: float) -> float:
         """The value that `share` of the numbers do not exceed (nearest rank); NaN while empty."""
         self._settle()
         if self._bins is None:
             return math.nan
-        return min(self._bins.mean_at(max(math.ceil(share * self.count), 1)), self.max)
+        return min(self._bins.mean_at(max(math.ceil(share * self._bins.count), 1)), self._max)
 
     def summary(self, scale: float = 1.0) -> dict[str, float]:
         """Median, p95, p99 and max, each times `scale`; NaN while empty."""
@@ -115,31 +109,22 @@ class _Bins:
     """
 
     def __init__(self) -> None:
-        self._place = np.full(_BLOCKS, -1, np.int16)  # of each block; −1: none of its bins was needed yet
-        self._kept = 0
-        self._counts = np.zeros(0, np.int64)
-        self._sums = np.zeros(0)
+        self._place = np.full(_BLOCKS, -1)  # of each block; −1: none of its bins was needed yet
+        self._kept = np.zeros(1, np.int64)
+        self._counts = np.zeros(_BLOCK, np.int64)
+        self._sums = np.zeros(_BLOCK)
 
-    def add(self, bins: npt.NDArray[np.int64], values: npt.NDArray[np.float64]) -> None:
-        """Take the values (n,), each into its bin (n,)."""
-        place = self._place[bins // _BLOCK]
-        if place.min() < 0:
-            self._make_room(np.unique(bins[place < 0] // _BLOCK))
-            place = self._place[bins // _BLOCK]
-        at = place.astype(np.int64) * _BLOCK + bins % _BLOCK
-        np.add.at(self._counts, at, 1)
-        np.add.at(self._sums, at, values)
+    def add(self, values: Floats) -> None:
+        """Take the values (n,), each into its bin; NaN is passed over."""
+        row = 0
+        while (row := count_values(values, row, self._place, self._kept, self._counts, self._sums)) < len(values):
+            self._counts = np.append(self._counts, np.zeros_like(self._counts))  # twice the room: copied seldom
+            self._sums = np.append(self._sums, np.zeros_like(self._sums))
 
-    def _make_room(self, blocks: npt.NDArray[np.int64]) -> None:
-        self._place[blocks] = np.arange(self._kept, self._kept + len(blocks))
-        self._kept += len(blocks)
-        if self._kept * _BLOCK <= len(self._counts):
-            return
-        new = max(self._kept * _BLOCK - len(self._counts), len(self._counts))  # twice the room at least: copied seldom
-        self._counts, self._sums = (
-            np.append(self._counts, np.zeros(new, np.int64)),
-            np.append(self._sums, np.zeros(new)),
-        )
+    @property
+    def count(self) -> int:
+        """How many values were taken."""
+        return int(self._counts.sum())
 
     def mean_at(self, rank: int) -> float:
         """The mean of the values in the bin of the one with this rank, from 1 on, in ascending order."""
@@ -148,3 +133,23 @@ class _Bins:
         index = int(np.searchsorted(np.cumsum(counts), rank))
         sums = self._sums.reshape(-1, _BLOCK)[places].ravel()
         return float(sums[index] / counts[index])
+
+
+@kernel
+def count_values(values: Floats, row: int, place: Int64s, kept: Int64s, counts: Int64s, sums: Floats) -> int:
+    """Count values (n,) from `row` on; return at which one there was no room left for its block of bins, n: at none."""
+    for i in range(row, values.size):
+        value = values[i]
+        if np.isnan(value):
+            continue
+        number = int(min(np.ceil(np.log(value) * _PER_LOG - _FIRST), _BINS)) if value > _SMALLEST else 0
+        block = number // _BLOCK
+        if place[block] < 0:
+            if (kept[0] + 1) * _BLOCK > counts.size:
+                return i
+            place[block] = kept[0]
+            kept[0] += 1
+        at = place[block] * _BLOCK + number % _BLOCK
+        counts[at] += 1
+        sums[at] += value
+    return values.size

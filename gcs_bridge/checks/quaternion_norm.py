@@ -6,11 +6,12 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.alarms.votes import Ballot
-from gcs_bridge.checks.base import Check, rated
+from gcs_bridge.alarms.votes import Ballot, Votes, vote
+from gcs_bridge.checks.base import NO_DETAIL, Check, Watched, is_known, watch
 from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.columns import FloatRows, Int64s
+from gcs_bridge.jit import kernel
 from gcs_bridge.settings import AlarmSettings, QuaternionNormSettings
-from gcs_bridge.telemetry.samples import finite
 
 
 class QuaternionNorm(Check):
@@ -26,22 +27,45 @@ class QuaternionNorm(Check):
     def __init__(self, settings: QuaternionNormSettings, delays: AlarmSettings) -> None:
         """Start with nothing judged."""
         super().__init__()
-        self._settings = settings
-        self._delays = delays
+        self._limits = settings.warning, settings.alarm
         what = "the norm of ATTITUDE_QUATERNION is not 1"
-        self.alarm_specs = self._warning, self._alarm = self._warning_and_alarm(what, delays, asks_doctor=True)
+        self.alarm_specs = self._warning_and_alarm(what, delays, asks_doctor=True)
 
     def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Rate each finite quaternion, those without any attitude left included."""
-        q = batch.quaternion.q_nb
-        with np.errstate(over="ignore"):
-            off = np.abs(np.sqrt(q[:, 0] ** 2 + q[:, 1] ** 2 + q[:, 2] ** 2 + q[:, 3] ** 2) - 1.0)
-        numbers = finite(q)
-        self._watch(batch.quaternion.t_boot_us, off, numbers)
-        t_us, frame_index = batch.quaternion.t_boot_us[numbers], batch.quaternion.frame_index[numbers]
-        for spec, limit in ((self._warning, self._settings.warning), (self._alarm, self._settings.alarm)):
-            ballot.rate(spec, rated(t_us, frame_index, off[numbers], limit, self._delays))
+        came = batch.quaternion
+        if n := len(came):
+            rate_norms(
+                ballot.votes(2 * n),
+                self._watching(n),
+                self._places(ballot),
+                self._limits,
+                came.frame_index,
+                came.t_boot_us,
+                came.q_nb,
+            )
 
     def why_not(self) -> str:
         """Why nothing was judged."""
         return "no quaternion of finite numbers was received"
+
+
+@kernel
+def rate_norms(
+    votes: Votes,
+    watched: Watched,
+    places: Int64s,
+    limits: tuple[float, float],
+    frame_index: Int64s,
+    t_us: Int64s,
+    q: FloatRows,
+) -> None:
+    """Rate the norms of quaternions (n, 4)."""
+    for i in range(t_us.size):
+        w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+        off = abs(np.sqrt(w * w + x * x + y * y + z * z) - 1.0)
+        known = is_known((w, x, y, z))
+        watch(watched, t_us[i], off, known)
+        for k in range(2):
+            if known:
+                vote(votes, places[k], frame_index[i], t_us[i], off, limits[k], NO_DETAIL)

@@ -6,12 +6,75 @@ Times and numbers: what they are of is not known here.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from gcs_bridge.checks.base import length
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask
-from gcs_bridge.jit import kernel
+from gcs_bridge.jit import helper, kernel
+
+_LATELY = 4  # gaps before this one
+_TOLD_RAD = math.radians(20.0)
+_SHORT_S = 0.12  # 10 Hz and above
+_TOLD_SHORT_RAD = math.radians(45.0)
+_FEW = 16  # samples that there is room for at first
+
+# Slots of `Sliding.of`.
+_WINDOW_US, _FIRST, _END = range(3)
+
+
+class Sliding(NamedTuple):
+    """What a kernel is given of sums over the last seconds."""
+
+    of: Int64s  # (3,) how long the window is, µs; the samples from `first` up to `end` are in it
+    t_us: Int64s  # (room,) of each sample
+    before: FloatRows  # (room + 1, width) the running sum, from the boot on, before each
+    sums: Floats  # (width,) of the samples in the window
+
+
+# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
+
+
+@helper
+def slide_in(sliding, t_us, row):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take a sample, later than all before, with its numbers `row`; there must be room.
+
+    Then `sums` are over the window that ends with it. Returns of how many samples they are, and since when, µs. One
+    running sum goes from the boot on, one row after the other: the bits are the same however the samples were cut.
+    """
+    of, before, end = sliding.of, sliding.before, sliding.of[_END]
+    sliding.t_us[end] = t_us
+    for column in range(len(row)):
+        before[end + 1, column] = before[end, column] + row[column]
+    first = of[_FIRST]
+    while sliding.t_us[first] <= t_us - of[_WINDOW_US]:
+        first += 1
+    for column in range(len(row)):
+        sliding.sums[column] = before[end + 1, column] - before[first, column]
+    of[_FIRST], of[_END] = first, end + 1
+    return end + 1 - first, sliding.t_us[first]
+
+
+@helper
+def told_by_rates(turning, speed0, speed1, gap_s):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether the rates at both ends of the next gap, in order of time, tell what was between them.
+
+    They do not where the stream may have turned far, as fast as it turned of late. `turning`: of `new_turning`.
+    """
+    for i in range(_LATELY, 0, -1):
+        turning[i] = turning[i - 1]
+    turning[0] = speed1 if speed0 != speed0 or speed1 > speed0 else speed0  # the faster one that is known
+    told = True
+    for i in range(_LATELY + 1):
+        turned = turning[i] * gap_s
+        told &= turned <= _TOLD_RAD or (gap_s <= _SHORT_S and turned <= _TOLD_SHORT_RAD)
+    return told
+
+
+def new_turning() -> Floats:
+    """How fast a stream turned over its last gaps (5,), rad/s, the latest first: before a boot's first sample."""
+    return np.zeros(_LATELY + 1)
 
 
 class Turning:
@@ -33,56 +96,43 @@ class Turning:
         return np.asarray((rate * gap_s <= _TOLD_RAD) | ((gap_s <= _SHORT_S) & (rate * gap_s <= _TOLD_SHORT_RAD)))
 
 
-_LATELY = 4  # gaps before this one
-_TOLD_RAD = math.radians(20.0)
-_SHORT_S = 0.12  # 10 Hz and above
-_TOLD_SHORT_RAD = math.radians(45.0)
-
-
 class SlidingSums:
     """Sums of rows over the last seconds, within one boot."""
 
     def __init__(self, window_s: float, width: int) -> None:
         """Start empty; rows have `width` columns."""
-        self._window_us = round(window_s * 1e6)
-        self._t_us: Int64s = np.empty(0, np.int64)
-        self._sums = np.zeros((1, width))  # up to each sample kept; the first: before them all
+        self._sliding = Sliding(
+            of=np.array([round(window_s * 1e6), 0, 0]),
+            t_us=np.empty(_FEW, np.int64),
+            before=np.zeros((_FEW + 1, width)),
+            sums=np.zeros(width),
+        )
+
+    def room(self, samples: int) -> Sliding:
+        """What a kernel is given to take so many samples more."""
+        sliding = self._sliding
+        if sliding.of.item(_END) + samples > len(sliding.t_us):
+            first, end = sliding.of[_FIRST:].tolist()
+            kept = end - first
+            room = max(len(sliding.t_us), 2 * kept + samples)  # moved to the front once in `kept` samples at most
+            t_us, before = np.empty(room, np.int64), np.empty((room + 1, len(sliding.sums)))
+            t_us[:kept], before[: kept + 1] = sliding.t_us[first:end], sliding.before[first : end + 1]
+            sliding.of[_FIRST:] = 0, kept
+            self._sliding = sliding = sliding._replace(t_us=t_us, before=before)
+        return sliding
 
     def feed(self, t_us: Int64s, rows: Floats) -> tuple[Floats, Int64s, Int64s]:
         """Take samples in order of time; per sample the sums, how many they are of, and since when, µs."""
-        n, held = len(t_us), len(self._t_us)
-        times = np.concatenate((self._t_us, t_us))
-        totals = np.concatenate((self._sums, np.empty_like(rows)))
+        n = len(t_us)
         sums, count, since_us = np.empty_like(rows), np.empty(n, np.int64), np.empty(n, np.int64)
-        first = slide(times, totals, held, rows, self._window_us, sums, count, since_us)
-        self._t_us, self._sums = times[first:], totals[first:]
+        slide(self.room(n), t_us, rows, sums, count, since_us)
         return sums, count, since_us
 
 
 @kernel
-def slide(
-    t_us: Int64s,
-    totals: FloatRows,
-    held: int,
-    rows: FloatRows,
-    window_us: int,
-    sums: FloatRows,
-    count: Int64s,
-    since_us: Int64s,
-) -> int:
-    """Fill the sums of `rows` (n, k) over the last `window_us`; return from which of the times on these are needed.
-
-    `t_us` (held + n,), `totals` (held + n + 1, k): one running sum from the boot on, taken one row after the other, so
-    that the bits are the same however the samples were cut; up to `held` it is filled.
-    """
-    first = 0
-    for i in range(rows.shape[0]):
-        at = held + i
-        while t_us[first] <= t_us[at] - window_us:
-            first += 1
+def slide(sliding: Sliding, t_us: Int64s, rows: FloatRows, sums: FloatRows, count: Int64s, since_us: Int64s) -> None:
+    """Fill the sums of `rows` (n, k)."""
+    for i in range(t_us.size):
+        count[i], since_us[i] = slide_in(sliding, t_us[i], rows[i])
         for column in range(rows.shape[1]):
-            totals[at + 1, column] = totals[at, column] + rows[i, column]
-            sums[i, column] = totals[at + 1, column] - totals[first, column]
-        count[i] = at + 1 - first
-        since_us[i] = t_us[first]
-    return first
+            sums[i, column] = sliding.sums[column]

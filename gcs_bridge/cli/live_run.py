@@ -134,9 +134,7 @@ class LiveRun:
         )
         with beside():
             stop.patient = True
-            links_left = listen(
-                links, monitor, sinks.events, stop=lambda: stop.asked, duration_s=duration_s, watched=sinks.watched
-            )
+            links_left = listen(links, monitor, sinks.events, stop=lambda: stop.asked, duration_s=duration_s)
         report = _named(monitor.close(), [link.name for link in links])
         self.print_result(report.to_text(detail=0 if options.verbose else -1))
         if not any(entry.bytes for entry in report.files):
@@ -172,7 +170,7 @@ def _warm_up(settings: Settings, dialect: str) -> None:
     from gcs_bridge.jit import prepare
     from gcs_bridge.judging.monitor import Monitor
 
-    prepare()
+    prepare("gcs_bridge")
     with resources.demo_recording().open("rb") as recording:
         Monitor(settings=settings, dialect=dialect).feed_recording(recording.read(_WARM_UP_BYTES))
 

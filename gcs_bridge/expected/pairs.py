@@ -22,13 +22,16 @@ NOISE_RAD = math.radians(1e-4)
 VIEW_NOISE_RAD = math.radians(0.05)  # hovering, AHRS_TRIM turns view and quaternion by two formulas: 0.035° at 2°
 TOLD_APART = 5.0  # noises by which an alternative must fail before it is ruled out
 IN_A_ROW = 3  # pairs that must fit, or deny
+BANK_RAD = math.radians(5.0)  # what shows less than the noise here shows nowhere
+RECENT = 32  # pairs kept for fitting,
+SPARSE_US = 1_000_000  # and one pair a second, as many, for what changes slowly
 
 SECOND_ORDER = 0.2  # of what AHRS_TRIM does, at 10°
 TRIM_PAIRS = 4  # two numbers want more
 _MOST_TRIM_RAD = math.radians(10.0)  # the firmware's own limit
 _ALIKE = 1e12  # condition number of two columns that say the same
 _STEP_RAD = 1e-6  # for slopes
-_STEEP_RAD = math.radians(80.0)  # pairs beyond this pitch of ATTITUDE are not clean
+STEEP_RAD = math.radians(80.0)  # pairs beyond this pitch of ATTITUDE are not clean
 TAIL = 256  # samples of each stream that can still find their partner
 
 
@@ -93,7 +96,7 @@ def match(euler: EulerRows, quaternion: QuaternionRows, after: int) -> tuple[Cle
     i = np.flatnonzero(same)
     j = at[i]
     completed = np.maximum(euler.frame_index[i], quaternion.frame_index[j])
-    clean = (completed > after) & (np.abs(euler.rpy_rad[i, 1]) <= _STEEP_RAD)
+    clean = (completed > after) & (np.abs(euler.rpy_rad[i, 1]) <= STEEP_RAD)
     for rows, of in ((i, euler), (j, quaternion)):
         clean &= np.searchsorted(of.frame_index, completed, side="right") - rows <= TAIL
     order = np.argsort(completed[clean], kind="stable")

@@ -31,6 +31,8 @@ class TrimsInForce:
 
     def follow(self, corrected: Corrected) -> None:
         """Take what was undone in the next samples of ATTITUDE."""
+        if not self._told and not corrected.undoes and not self._undone_rad.any():
+            return
         undone = np.vstack((self._undone_rad, corrected.trim_b_rad))
         changes = np.flatnonzero((np.diff(undone, axis=0) != 0).any(axis=1))
         self._undone_rad = undone[-1]
@@ -46,8 +48,10 @@ class TrimsInForce:
 
     def at(self, frame_indices: Int64s) -> Floats:
         """The turn (n, 3), rad, from the body's axes to the sensor's, at the frames (n,)."""
-        by_axis = [trim.at(frame_indices) for trim in self._in_force.values()]
-        return np.column_stack([*by_axis, np.zeros(len(frame_indices))])
+        turn_b_rad = np.zeros((len(frame_indices), 3))
+        for axis, trim in enumerate(self._in_force.values()):
+            turn_b_rad[:, axis] = trim.at(frame_indices)
+        return turn_b_rad
 
     def forget(self, frame_index: int) -> None:
         """Nothing will be asked about frames before this one."""

@@ -27,6 +27,15 @@ from gcs_bridge.expected.pairs import (
     in_order,
     match,
 )
+from gcs_bridge.expected.quiet import (
+    Samples,
+    euler_rows,
+    fill_tails,
+    new_tails,
+    pair_rows,
+    pass_quietly,
+    quaternion_rows,
+)
 from gcs_bridge.expected.view import CorrectionChange, View
 from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
@@ -65,6 +74,11 @@ class Corrected(FrameColumns):
         return q_nb
 
     @property
+    def undoes(self) -> bool:
+        """Whether anything was undone."""
+        return len(self.corrections) > 1
+
+    @property
     def trim_b_rad(self) -> Floats:
         """AHRS_TRIM as it was undone in each of the samples: the turn (n, 3) from the body's axes to the IMU's."""
         return np.array([(one.trim_x_rad, one.trim_y_rad, 0.0) for one in self.corrections])[self.applied]
@@ -90,6 +104,7 @@ class Expected:
         self._views = (View(NOISE_RAD, comes_and_goes=False), View(VIEW_NOISE_RAD, comes_and_goes=True))
         self._explanations: list[_Explanation] = []
         self._euler, self._quaternion = NO_EULER, NO_QUATERNION  # the latest in order, within this boot
+        self._tails, self._tails_hold = new_tails(), True  # whether the latest, and the pairs of the view, are there
         self._done = -1  # frame_index up to which pairs were taken
         self._mode_since_us: int | None = None  # None: counted from the next sample
         self._shown: int | None = None  # the view of the latest sample, None: that of the mode
@@ -98,6 +113,7 @@ class Expected:
     def start_boot(self) -> None:
         """Forget what counts within one boot alone. Parameters, modes and what was fitted outlive it."""
         self._euler, self._quaternion = NO_EULER, NO_QUATERNION
+        self._tails_hold = False
         self._mode_since_us, self._shown, self._astray_since_us = None, None, -1
         for view in self._views:
             view.start_boot()
@@ -123,7 +139,9 @@ class Expected:
                 upto = [int(np.searchsorted(of.frame_index, what.frame_index)) for of in (euler, quaternion)]
             if upto != done and not self._told.makes_none:
                 e, q = slice(done[0], upto[0]), slice(done[1], upto[1])
-                for rows, corrected, turned_by, correction in self._take(euler[e], quaternion[q], untold[e]):
+                whole = upto == [len(euler), len(quaternion)] and done == [0, 0]
+                samples = (euler, quaternion) if whole else (euler[e], quaternion[q])
+                for rows, corrected, turned_by, correction in self._take(*samples, untold[e]):
                     if q_nb is euler.q_nb:
                         q_nb = q_nb.copy()
                     q_nb[done[0] + rows], causes[done[0] + rows] = corrected, turned_by
@@ -151,6 +169,7 @@ class Expected:
         return [self._entry(one) for one in self._explanations]
 
     def _learn(self, what: ParameterSet | ModeSet) -> None:
+        self._unload_tails()
         told, (forward, hover) = self._told, self._views
         before, could_hover, flew_forward = (told.view, told.autopilot), told.can_hover, told.custom_mode >= 0
         told.take(what)
@@ -175,8 +194,60 @@ class Expected:
     ) -> Iterator[tuple[Int64s, Floats, npt.NDArray[np.uint8], Correction]]:
         """Take samples among which nothing was told; yield rows that are corrected, q_nb, causes and correction.
 
-        `untold` (n,), of the Euler samples, is filled.
+        `untold` (n,), of the Euler samples, is filled. What is no news passes at once; around what is, a closer look is
+        taken.
         """
+        n, done, more = (len(euler), len(quaternion)), (0, 0), _CLOSELY
+        while done != n:
+            upto = self._pass_quietly(euler, quaternion, done)
+            more = 2 * more if upto == done else _CLOSELY
+            if upto[0] > done[0]:
+                forward, rows = self._views[FORWARD], slice(done[0], upto[0])
+                untold[rows] = forward.untold
+                if forward.correction != NOTHING:
+                    yield from self._undo(_one_view(euler[rows]), done[0])
+            if upto == n:
+                return
+            done, upto = upto, _some(euler, quaternion, upto, more)
+            parts = euler[done[0] : upto[0]], quaternion[done[1] : upto[1]]
+            for at, q_nb, causes, correction in self._look_at(*parts, untold[done[0] : upto[0]]):
+                yield done[0] + at, q_nb, causes, correction
+            done = upto
+
+    def _pass_quietly(
+        self, euler: AttitudeSamples, quaternion: AttitudeSamples, done: tuple[int, int]
+    ) -> tuple[int, int]:
+        """Take samples from `done` on up to the first that may be news; return up to which."""
+        forward, hover = self._views
+        expectation = None if self._told.can_hover or hover.fitted else forward.expectation()
+        if expectation is None:
+            return done
+        if not self._tails_hold:
+            fill_tails(self._tails, self._euler, self._quaternion, forward.recent, forward.sparse)
+            self._tails_hold = True
+        passed = np.array(done)
+        pass_quietly(_euler_of(euler), _quaternion_of(quaternion), expectation, self._tails, forward.learnt, passed)
+        e, q = passed.tolist()
+        if e > done[0]:
+            self._done = max(self._done, int(euler.frame_index[e - 1]))
+            self._shown, self._astray_since_us = FORWARD, -1
+        if q > done[1]:
+            self._done = max(self._done, int(quaternion.frame_index[q - 1]))
+        return e, q
+
+    def _unload_tails(self) -> None:
+        """Have the latest samples, and the pairs of the view, where a closer look wants them."""
+        if self._tails_hold:
+            forward, tails = self._views[FORWARD], self._tails
+            self._euler, self._quaternion = euler_rows(tails.euler), quaternion_rows(tails.quaternion)
+            forward.recent, forward.sparse = pair_rows(tails.recent), pair_rows(tails.sparse)
+            self._tails_hold = False
+
+    def _look_at(
+        self, euler: AttitudeSamples, quaternion: AttitudeSamples, untold: npt.NDArray[np.uint8]
+    ) -> Iterator[tuple[Int64s, Floats, npt.NDArray[np.uint8], Correction]]:
+        """As `_take`, sample by sample as far as it matters."""
+        self._unload_tails()
         assert euler.rpy_rad is not None
         good = in_order(quaternion, self._quaternion)
         more = QuaternionRows(
@@ -334,6 +405,43 @@ class Expected:
             estimated=one.fitted,
             alternatives=tuple(alternatives),
         )
+
+
+_CLOSELY = 64  # samples that are looked at before what follows may pass at once again
+
+
+def _some(euler: AttitudeSamples, quaternion: AttitudeSamples, done: tuple[int, int], more: int) -> tuple[int, int]:
+    """Up to which sample of each stream the next messages reach, with `more` samples of ATTITUDE."""
+    e = min(done[0] + more, len(euler))
+    if e == done[0]:
+        return e, min(done[1] + more, len(quaternion))
+    if e == len(euler):
+        return e, len(quaternion)
+    return e, max(int(np.searchsorted(quaternion.frame_index, euler.frame_index[e - 1], side="right")), done[1])
+
+
+def _one_view(euler: AttitudeSamples) -> EulerRows:
+    """Samples of a vehicle with one view."""
+    assert euler.rpy_rad is not None
+    n = len(euler)
+    return EulerRows(
+        frame_index=euler.frame_index,
+        t_us=euler.t_boot_us,
+        rpy_rad=euler.rpy_rad,
+        view=np.zeros(n, np.int8),
+        free=np.zeros(n, np.bool_),
+    )
+
+
+def _euler_of(euler: AttitudeSamples) -> Samples:
+    assert euler.rpy_rad is not None
+    return Samples(euler.frame_index, euler.t_boot_us, euler.rpy_rad, euler.w_nb_b_rad_s, euler.valid)
+
+
+def _quaternion_of(quaternion: AttitudeSamples) -> Samples:
+    return Samples(
+        quaternion.frame_index, quaternion.t_boot_us, quaternion.q_nb, quaternion.w_nb_b_rad_s, quaternion.valid
+    )
 
 
 def _norm(v: Floats) -> Floats:

@@ -12,10 +12,13 @@ from gcs_bridge.columns import Int64s, Mask
 from gcs_bridge.expected.correction import AHRS_TRIM, NOTHING, PITCH_TRIM, VTOL_VIEW, Correction
 from gcs_bridge.expected.knowledge import FirmwareConfig
 from gcs_bridge.expected.pairs import (
+    BANK_RAD,
     IN_A_ROW,
     NO_CLEAN_PAIRS,
     NOISE_RAD,
+    RECENT,
     SECOND_ORDER,
+    SPARSE_US,
     TOLD_APART,
     TRIM_PAIRS,
     CleanPairs,
@@ -27,11 +30,9 @@ from gcs_bridge.expected.pairs import (
     run_lengths,
     turn_about,
 )
+from gcs_bridge.expected.quiet import LEARNT, Expectation
 
 _MOST_PITCH_RAD = math.radians(15.0)  # a larger one is not fitted
-_BANK_RAD = math.radians(5.0)  # what shows less than the noise here shows nowhere
-_RECENT = 32  # pairs kept for fitting,
-_SPARSE_US = 1_000_000  # and one pair a second, as many, for what changes slowly
 _FIT_FIRST = (3, 4, 6, 8)  # denials after which two numbers are fitted,
 _FIT_EVERY_US = 250_000  # and vehicle time between later attempts
 _Y_AXIS = np.array([[0.0, 1.0, 0.0]])  # of the body: to the right
@@ -55,36 +56,34 @@ class View:
         self.fitted = 0  # causes of it that were fitted
         self.proven = False  # the motion has told the fit from other forms: what denies it now is a fault beside it
         self.switched = False  # a fitted view was seen to go with the mode
-        self.like_mount = self.like_sign = False  # so far a fitted pitch trim may be one of these
         self.settled = False  # both forms agreed before: a new difference may be a fault
-        self._banked = False  # both forms agreed in a bank: there is no AHRS_TRIM that shows
         self._noise_rad = noise_rad
         self._pitch_moves_rad = 2.0 * TOLD_APART * noise_rad  # so much, and the fit is no wrong sign
         self._comes_and_goes = comes_and_goes
-        self._pitch_range = (math.inf, -math.inf)
-        self._confirmed = False  # some pairs agreed with the correction
+        self.learnt = np.zeros(1, LEARNT)
+        self.learnt["lowest_rad"], self.learnt["highest_rad"] = math.inf, -math.inf
         self._expected: tuple[Correction, ...] = (NOTHING,)  # what was told, and what may hold instead of it
         self._open = 0  # causes that may be fitted
-        self._recent = self._sparse = NO_CLEAN_PAIRS  # the latest pairs, and one a second
-        self._denials = self._agreements = 0  # pairs in a row, up to the last one kept
+        self.recent = self.sparse = NO_CLEAN_PAIRS  # the latest pairs, and one a second
+        self._denials = 0  # pairs in a row, up to the last one kept
         self._scanned = (np.empty(0, np.int64), np.empty(0, np.int64))  # the same up to each pair scanned
 
     def start_boot(self) -> None:
         """Pairs of the boot before say nothing any more; the correction still holds, as parameters do."""
-        self._recent = self._sparse = NO_CLEAN_PAIRS
-        self._denials = self._agreements = 0
+        self.recent = self.sparse = NO_CLEAN_PAIRS
+        self._denials, self.learnt["agreements"] = 0, 0
 
     def take_over(self, other: View) -> None:
         """The latest pairs, which were taken for the other view's, may have been this one's."""
-        self._recent = other._recent
-        self._denials = self._agreements = 0
-        if len(other._recent):
-            self._denials = int(run_lengths(self._denied(other._recent), 0)[-1])
+        self.recent = other.recent
+        self._denials, self.learnt["agreements"] = 0, 0
+        if len(other.recent):
+            self._denials = int(run_lengths(self._denied(other.recent), 0)[-1])
 
     @property
     def untold(self) -> int:
         """Causes that may be in the angles and are not undone: not told, not fitted, and nothing has ruled them out."""
-        return self._open & ~self.fitted & ~(AHRS_TRIM if self._banked else 0)
+        return self._open & ~self.fitted & ~(AHRS_TRIM if self.learnt["is_banked"][0] else 0)
 
     @property
     def denied(self) -> bool:
@@ -109,13 +108,13 @@ class View:
             return None
         denied = self._denied(pairs)
         denials = run_lengths(denied, self._denials)
-        agreements = run_lengths(~denied, self._agreements)
+        agreements = run_lengths(~denied, self.learnt["agreements"][0])
         self._scanned = denials, agreements
         steps = [CorrectionChange(at, self.correction, self.fitted) for at in self._learns(pairs, denials, agreements)]
         hot = denials >= IN_A_ROW
         if not hot.any():
             return min(steps, key=lambda step: step.at, default=None)
-        seen, n = self._recent.then(pairs), len(hot)
+        seen, n = self.recent.then(pairs), len(hot)
 
         def first(where: Mask) -> int | None:
             where = where[-n:] & hot
@@ -159,50 +158,60 @@ class View:
             return NOTHING
         denials, agreements = (counts[: len(pairs)] for counts in self._scanned)
         self.settled |= bool(self._settling(pairs, agreements).any())
-        self._banked |= bool(_banking(pairs, agreements).any())
-        self._denials, self._agreements = int(denials[-1]), int(agreements[-1])
-        self._confirmed |= bool((agreements >= IN_A_ROW).any())
+        self.learnt["is_banked"] |= _banking(pairs, agreements).any()
+        self._denials, self.learnt["agreements"] = int(denials[-1]), agreements[-1]
+        self.learnt["is_confirmed"] |= (agreements >= IN_A_ROW).any()
         self._test(pairs[denials == 0])
-        seen = self._recent.then(pairs)
-        self._sparse = self._sparse.then(seen[self._one_a_second(seen)])[-_RECENT:]
-        self._recent = seen[-_RECENT:]
+        seen = self.recent.then(pairs)
+        self.sparse = self.sparse.then(seen[self._one_a_second(seen)])[-RECENT:]
+        self.recent = seen[-RECENT:]
         if step is None or step.correction == self.correction:
             return NOTHING
-        dropped = NOTHING if self._confirmed or self.fitted else self.correction
+        dropped = NOTHING if self.learnt["is_confirmed"][0] or self.fitted else self.correction
         self._hold(step)
-        self._test(self._recent[-IN_A_ROW:])
+        self._test(self.recent[-IN_A_ROW:])
         return dropped
+
+    def expectation(self) -> Expectation | None:
+        """What the pairs must show to be no news; None: each of them may be."""
+        if (self.fitted and not self.proven) or self._denials:
+            return None
+        return Expectation(
+            *self.correction,
+            limit_rad=TOLD_APART * self._noise_rad,
+            settled=self.settled,
+            wants_bank=bool(self._open & AHRS_TRIM and not self.learnt["is_banked"][0]),
+            fitted=self.fitted != 0,
+        )
 
     def alternatives(self) -> list[str]:
         """What else the pairs may be, instead of what was fitted to them."""
         if self.fitted & VTOL_VIEW:
             return [] if self.switched else ["mount_offset"]
-        return ["mount_offset"] * self.like_mount + ["pitch_sign"] * self.like_sign
+        return ["mount_offset"] * int(self.learnt["like_mount"][0]) + ["pitch_sign"] * int(self.learnt["like_sign"][0])
 
     def _test(self, good: CleanPairs) -> None:
         """Learn from pairs that confirm a fit what else it could be."""
         if not self.fitted or not len(good):
             return
-        trim, pitch = self.correction.pitch_rad, good.rpy_rad[:, 1]
-        self.like_mount &= bool(like_mount(good, trim).all())
-        self.like_sign &= bool(like_sign(good, trim).all())
-        self._pitch_range = (
-            min(self._pitch_range[0], float(pitch.min())),
-            max(self._pitch_range[1], float(pitch.max())),
-        )
-        moved = self._pitch_range[1] - self._pitch_range[0] > self._pitch_moves_rad
-        self.proven |= moved and not self.like_mount
+        learnt, trim, pitch = self.learnt[0], self.correction.pitch_rad, good.rpy_rad[:, 1]
+        learnt["like_mount"] &= like_mount(good, trim).all()
+        learnt["like_sign"] &= like_sign(good, trim).all()
+        learnt["lowest_rad"] = min(learnt["lowest_rad"], pitch.min())
+        learnt["highest_rad"] = max(learnt["highest_rad"], pitch.max())
+        moved = learnt["highest_rad"] - learnt["lowest_rad"] > self._pitch_moves_rad
+        self.proven |= bool(moved and not learnt["like_mount"])
 
     def _hold(self, step: CorrectionChange) -> None:
         if step.correction != self.correction:
-            self._banked = False
+            self.learnt["is_banked"] = False
         self.correction, self.fitted = step.correction, step.fitted
         self.proven, self.switched = step.fitted == AHRS_TRIM, False
-        self.like_mount = self.like_sign = bool(step.fitted & PITCH_TRIM)
-        self._pitch_range = (math.inf, -math.inf)
+        self.learnt["like_mount"] = self.learnt["like_sign"] = bool(step.fitted & PITCH_TRIM)
+        self.learnt["lowest_rad"], self.learnt["highest_rad"] = math.inf, -math.inf
         self.settled |= bool(step.gives_up)  # what deceived once has to be told apart the next time
-        self._denials = self._agreements = 0
-        self._confirmed = False
+        self._denials, self.learnt["agreements"] = 0, 0
+        self.learnt["is_confirmed"] = False
 
     def _denied(self, pairs: CleanPairs) -> Mask:
         return pairs.residual(self.correction) > TOLD_APART * self._noise_rad
@@ -215,31 +224,36 @@ class View:
         """The first pairs that settle the view, and that prove its fit: what they make known holds behind them."""
         if not self.settled and (settling := self._settling(pairs, agreements)).any():
             yield int(settling.argmax())
-        if not self._banked and self._open & AHRS_TRIM and (banking := _banking(pairs, agreements)).any():
+        if (
+            not self.learnt["is_banked"][0]
+            and self._open & AHRS_TRIM
+            and (banking := _banking(pairs, agreements)).any()
+        ):
             yield int(banking.argmax())
         if self.fitted and not self.proven:
             pitch, good = pairs.rpy_rad[:, 1], denials == 0
             low = np.minimum.accumulate(np.where(good, pitch, math.inf))
             high = np.maximum.accumulate(np.where(good, pitch, -math.inf))
             moved = (
-                np.maximum(high, self._pitch_range[1]) - np.minimum(low, self._pitch_range[0]) > self._pitch_moves_rad
+                np.maximum(high, self.learnt["highest_rad"][0]) - np.minimum(low, self.learnt["lowest_rad"][0])
+                > self._pitch_moves_rad
             )
             banked = np.logical_or.accumulate(good & ~like_mount(pairs, self.correction.pitch_rad))
-            if (proves := moved & (banked | (not self.like_mount))).any():
+            if (proves := moved & (banked | (not self.learnt["like_mount"][0]))).any():
                 yield int(proves.argmax())
 
     def _one_a_second(self, seen: CleanPairs) -> Int64s:
         """Places in `seen` of the first pair of each second, where it is new."""
-        before = len(self._recent)
-        return np.flatnonzero(np.diff(seen.t_us // _SPARSE_US, prepend=-1)[before:]) + before
+        before = len(self.recent)
+        return np.flatnonzero(np.diff(seen.t_us // SPARSE_US, prepend=-1)[before:]) + before
 
     def _trims(self, seen: CleanPairs, denials: Int64s, end: int) -> list[CorrectionChange]:
         """Fit AHRS_TRIM to the latest pairs; the first fit before pair `end`, if any.
 
         While it fails it is tried a few times a second: the difference grows with the bank, slower than that.
         """
-        before, old = len(seen) - len(denials), len(self._sparse)
-        both, pitch_rad = self._sparse.then(seen), self._expected[0].pitch_rad
+        before, old = len(seen) - len(denials), len(self.sparse)
+        both, pitch_rad = self.sparse.then(seen), self._expected[0].pitch_rad
         rotvec = both.apart(Correction(pitch_rad))
         begins = np.concatenate((np.arange(old), old + self._one_a_second(seen)))
         due = np.isin(denials, _FIT_FIRST) | (np.diff(seen.t_us // _FIT_EVERY_US, prepend=0)[before:] != 0)
@@ -247,9 +261,9 @@ class View:
         due &= (denials >= IN_A_ROW) & (about_x <= SECOND_ORDER * size + NOISE_RAD)
         for at in np.flatnonzero(due[:end]).tolist():
             to = old + before + at + 1
-            lengths = (_RECENT, _RECENT // 2, TRIM_PAIRS) if denials[at] < _RECENT else (_RECENT,)
+            lengths = (RECENT, RECENT // 2, TRIM_PAIRS) if denials[at] < RECENT else (RECENT,)
             windows = [np.arange(max(to - length, old), to) for length in lengths]
-            for window in (np.concatenate((begins[begins < to][-_RECENT:], windows[0])), *windows):
+            for window in (np.concatenate((begins[begins < to][-RECENT:], windows[0])), *windows):
                 fitted = fit_trims(both[window], rotvec[window], pitch_rad)
                 if fitted is not None:
                     return [CorrectionChange(at, fitted, AHRS_TRIM)]
@@ -258,4 +272,4 @@ class View:
 
 def _banking(pairs: CleanPairs, agreements: Int64s) -> Mask:
     """Pairs (n,) in which an AHRS_TRIM that was not undone would have shown."""
-    return np.asarray((agreements >= IN_A_ROW) & (np.abs(pairs.rpy_rad[:, 0]) > _BANK_RAD))
+    return np.asarray((agreements >= IN_A_ROW) & (np.abs(pairs.rpy_rad[:, 0]) > BANK_RAD))

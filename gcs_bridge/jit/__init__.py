@@ -7,7 +7,7 @@ loaded · compiler, entry: how it is made, by numba, which nothing else imports 
 
 from __future__ import annotations
 
-from gcs_bridge.jit.kernels import helper, in_kernels, kernel, share
+from gcs_bridge.jit.kernels import helper, in_kernels, inlined, kernel, share
 from gcs_bridge.jit.preparation import prepare
 
-__all__ = ["helper", "in_kernels", "kernel", "prepare", "share"]
+__all__ = ["helper", "in_kernels", "inlined", "kernel", "prepare", "share"]

@@ -21,10 +21,11 @@ _known: set[FunctionType] = set()
 
 def make_known(stand_ins: StandIns, **options: Any) -> None:
     """Tell numba what it is to compile where a kernel calls one of these functions."""
-    for function, instead in stand_ins.items():
+    for function, (instead, is_inlined) in stand_ins.items():
         if function not in _known:
             _known.add(function)
-            overload(function, jit_options={**OPTIONS, **options}, strict=False)(lambda *_, _instead=instead: _instead)
+            options_of = {**OPTIONS, **options, "forceinline": is_inlined}
+            overload(function, jit_options=options_of, strict=False)(lambda *_, _instead=instead: _instead)
 
 
 def numba_type(declared: Declared) -> Any:
@@ -32,7 +33,8 @@ def numba_type(declared: Declared) -> Any:
     if isinstance(declared, ArrayOf):
         return numba.typeof(np.empty((0,) * declared.ndim, declared.dtype))
     if isinstance(declared, TupleOf):
-        return numba.types.NamedTuple([numba_type(field) for field in declared.fields], declared.of)
+        fields = [numba_type(field) for field in declared.fields]
+        return numba.types.BaseTuple.from_types(fields, declared.of)
     return {int: numba.types.int64, float: numba.types.float64, bool: numba.types.boolean}[declared.of]
 
 

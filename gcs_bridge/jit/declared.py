@@ -23,7 +23,7 @@ class ArrayOf(NamedTuple):
 
 
 class TupleOf(NamedTuple):
-    """A named tuple, by its fields."""
+    """A named tuple, or a plain one of so many."""
 
     of: type[tuple[Any, ...]]
     fields: tuple[Declared, ...]
@@ -57,6 +57,8 @@ def _declared(hint: Any, whose: str) -> Declared:
         hint, said = hint.__origin__, hint.__metadata__
     if hint in (int, float, bool):
         return Scalar(hint)
+    if get_origin(hint) is tuple and ... not in get_args(hint):
+        return TupleOf(tuple, tuple(_declared(part, whose) for part in get_args(hint)))
     if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):
         hints = get_type_hints(hint, include_extras=True)
         return TupleOf(hint, tuple(_declared(hints[name], f"{whose}.{name}") for name in hint._fields))

@@ -10,13 +10,13 @@ from typing import Any, TypeVar, cast
 
 from gcs_bridge.jit import cache
 from gcs_bridge.jit.declared import declared_types
-from gcs_bridge.jit.recipe import recipe_of
+from gcs_bridge.jit.recipe import StandIn, recipe_of
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 KERNELS: list[Kernel] = []
 """Those of all modules that were imported so far."""
-STAND_INS: dict[FunctionType, FunctionType] = {}
-"""The functions that kernels may call, each with the one that is compiled in its place: itself, for most of them."""
+STAND_INS: dict[FunctionType, StandIn] = {}
+"""The functions that kernels may call."""
 _BY_NUMBA = ("NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT")  # what is asked of numba's own way to call a function
 _one_at_a_time = threading.RLock()
 
@@ -103,17 +103,27 @@ def helper(function: Callable[..., Any]) -> Any:
     return function
 
 
+def inlined(function: Callable[..., Any]) -> Any:
+    """As `helper`, for what is short and called at several places.
+
+    A call hands over every array word by word, which takes longer than what such a function does.
+    """
+    one = cast(FunctionType, function)
+    STAND_INS[one] = StandIn(one, is_inlined=True)
+    return function
+
+
 def share(*functions: Callable[..., Any]) -> None:
     """Let kernels call plain functions, of numbers and tuples, that Python goes on calling with arrays."""
-    for function in functions:
-        STAND_INS[cast(FunctionType, function)] = cast(FunctionType, function)
+    for one in functions:
+        STAND_INS[cast(FunctionType, one)] = StandIn(cast(FunctionType, one))
 
 
 def in_kernels(function: Callable[..., Any]) -> Callable[[Function], Function]:
     """Say what kernels call instead of `function`."""
 
     def take(instead: Function) -> Function:
-        STAND_INS[cast(FunctionType, function)] = cast(FunctionType, instead)
+        STAND_INS[cast(FunctionType, function)] = StandIn(cast(FunctionType, instead))
         return instead
 
     return take

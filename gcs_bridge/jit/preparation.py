@@ -19,12 +19,13 @@ _PATIENCE_S = 60.0  # so long somebody else may compile a kernel; then it is com
 _LOOK_AGAIN_S = 0.05
 
 
-def prepare(package: str = "gcs_bridge") -> None:
-    """Load all kernels of `package`, as far as it was imported; what must be compiled is told on standard error.
+def prepare(*packages: str) -> None:
+    """Load all kernels of these packages, as far as they were imported; that some must be compiled is told on stderr.
 
     Without it a kernel is compiled when it is called first, and nobody is told.
     """
-    ours = [one for one in KERNELS if f"{one.__module__}.".startswith(f"{package}.")]
+    beginnings = tuple(f"{package}." for package in packages)
+    ours = [one for one in KERNELS if f"{one.__module__}.".startswith(beginnings)]
     missing = [one for one in ours if not one.is_ready]
     if missing:
         with _told(len(missing)) as tell, _helped(missing):

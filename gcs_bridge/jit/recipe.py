@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,14 +24,23 @@ try:
 except ImportError:
     from hashlib import blake2b
 
-StandIns = Mapping[FunctionType, FunctionType]
-"""Functions that Python calls, each with the one that kernels call instead: itself, for most of them."""
+
+class StandIn(NamedTuple):
+    """What is compiled where a kernel calls a function: that function itself, for most of them."""
+
+    function: FunctionType
+    is_inlined: bool = False
+
+
+StandIns = Mapping[FunctionType, StandIn]
+"""The functions that kernels may call."""
 
 
 def recipe_of(function: FunctionType, types: tuple[Declared, ...], stand_ins: StandIns, processor: str) -> str:
     """A digest of all that decides about a kernel's machine code."""
+    inlined = {one.function for one in stand_ins.values() if one.is_inlined}
     parts = [_surroundings(), processor, *map(str, types)]
-    parts += [_told(one) for one in _called(function, stand_ins)]
+    parts += [f"{_told(one)} {one in inlined}" for one in _called(function, stand_ins)]
     return blake2b("\n".join(parts).encode(), digest_size=16).hexdigest()
 
 
@@ -54,11 +63,11 @@ def _version_file(package: str) -> str:
 
 def _called(function: FunctionType, stand_ins: StandIns) -> list[FunctionType]:
     """The function as kernels know it, and every other one that it comes to call."""
-    called = [stand_ins.get(function, function)]
+    called: list[Any] = [function]
     for one in called:  # it grows meanwhile
         for value in _globals_of(one).values():
             if isinstance(value, FunctionType):
-                other = stand_ins.get(value, value)
+                other = stand_ins[value].function if value in stand_ins else value
                 if other not in called:
                     called.append(other)
     return called

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gcs_bridge.checks.euler_quaternion import Disagreement
 from gcs_bridge.columns import Floats, Int64s, Mask
 from gcs_bridge.contract import Diagnosis
 from gcs_bridge.expected import CAUSE_NAMES, Corrected
@@ -36,15 +37,20 @@ _RESETS_KEPT_US = 120_000_000
 class SentBatch:
     """What one batch brought of both streams within a boot.
 
-    The samples as sent, with what was expected of them; the pairs with their angles, and which are above their limit.
+    The samples as sent, with what was expected of them; the pairs, and how far each is apart.
     """
 
     euler: AttitudeSamples
     corrected: Corrected
     quaternion: AttitudeSamples
     pairs: Pairs
-    angle_rad: Floats
-    bad: Mask
+    disagreement: Disagreement
+
+    @cached_property
+    def bad(self) -> Mask:
+        """Which pairs are above their limit."""
+        found = self.disagreement
+        return np.asarray(found.judged & (found.angle > found.limit))
 
     @cached_property
     def latest_us(self) -> int:
@@ -186,6 +192,6 @@ class DiagnosisCases:
         for sent in self._kept:
             t_us = sent.pairs.t_boot_us
             before = sent.pairs.same_instant & (t_us < onset_us) & (t_us >= onset_us - _CLEAN_US)
-            angles.append(sent.angle_rad[before])
+            angles.append(sent.disagreement.angle[before])
         known = np.concatenate(angles) if angles else np.empty(0)
         return len(known) >= _CLEAN_PAIRS and float(np.median(known)) < _CLEAN_RAD

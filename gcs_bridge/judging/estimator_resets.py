@@ -56,6 +56,8 @@ class Resets:
         """Follow the next steps; return the resets that they complete."""
         events: list[tuple[int, int, int]] = []  # frame_index, stream, row: of steps at which something may happen
         for k in (0, 1):
+            if not (self._last_denied[k] or self._open[k] is not None or steps[k].contradicts_rates.any()):
+                continue
             denied = steps[k].contradicts_rates
             near = denied.copy()
             near[1:] |= denied[:-1]

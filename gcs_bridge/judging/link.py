@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from gcs_bridge.alarms.manager import AlarmManager
-from gcs_bridge.chunks import Chunk, Framing
+from gcs_bridge.chunks import Chunk, Chunks, Framing
 from gcs_bridge.columns import Int64s
 from gcs_bridge.contract import readable
 from gcs_bridge.events import Event, Notice, Rank, VehicleLost, VehicleSeen, head, in_order
@@ -17,19 +16,18 @@ from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.snapshot import LinkNow, VehicleNow
 from gcs_bridge.judging.vehicle import VehicleJudge
 from gcs_bridge.mavlink.dialect import Dialect
-from gcs_bridge.mavlink.scan import FRAME, Bytes, Frames
-from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
+from gcs_bridge.mavlink.scan import Bytes, Frames
+from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanned, Scanner
 from gcs_bridge.report import schema
 from gcs_bridge.report.verdicts import worst_verdict
 from gcs_bridge.settings import Settings
-from gcs_bridge.telemetry.batches import VehicleBatch
 from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.telemetry.link_clock import LinkClock, latest_rx
+from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
+from gcs_bridge.telemetry.sorting import FrameSorter, Share, SortedFrames
 from gcs_bridge.telemetry.vehicle_presence import Presence
 
 Datagram = tuple[bytes, int]  # with its receive time, µs since 1970
-_FRAME_BYTES = np.dtype((np.void, FRAME.itemsize))
 FrameObserver = Callable[[int | str, Sequence[RawFrame]], None]
 
 
@@ -47,8 +45,12 @@ class Judged:
 class LinkVehicle:
     """One (system, component) of a link, which may turn out to be a vehicle."""
 
-    def __init__(self, vehicle: VehicleId, judged: Judged) -> None:
-        """Start with nothing heard; the observer is shown what is judged, once it is known to be a vehicle's."""
+    def __init__(self, vehicle: VehicleId, judged: Judged, place: int) -> None:
+        """Start with nothing heard; the observer is shown what is judged, once it is known to be a vehicle's.
+
+        `place`: how many others the link has found before it.
+        """
+        self.place = place
         self._observer = judged.observer
         self._observed: list[Observation] = []  # and not shown yet
         self.reader = VehicleReader(vehicle, judged.dialect, judged.settings.vehicle)
@@ -57,11 +59,20 @@ class LinkVehicle:
         self._seen = False
         self._held: list[Notice] = []  # until it is known to be one
 
-    def take(self, batch: VehicleBatch, frame_indices: Int64s, link: LinkClock) -> list[Notice]:
-        """Judge what a batch brought, in its frames `frame_indices`."""
-        notices = [*self._turns(frame_indices, link), *self.judge.take(batch, frame_indices, link)]
+    def take(self, batch: SortedFrames, share: Share) -> list[Notice]:
+        """Judge its share of a batch."""
+        heard = self.reader.read(batch, share)
+        notices = [
+            *self._turns(heard.frame_index, batch.clock),
+            *self.judge.take(heard, heard.frame_index, batch.clock),
+        ]
         self._show()
         return self._release(notices)
+
+    @property
+    def due_us(self) -> int:
+        """The receive time of the link from which on time alone may change something."""
+        return min(self._presence.due_us, self.judge.due_us)
 
     def _show(self) -> None:
         """Show what was judged, unless it is not known yet whose it is, or known to be no vehicle's."""
@@ -73,7 +84,7 @@ class LinkVehicle:
 
     def advance(self, link: LinkClock) -> list[Notice]:
         """Time passed on the link and nothing of this vehicle came."""
-        return self._release([*self._turns(np.empty(0, np.int64), link), *self.judge.advance(link)])
+        return self._release([*self._turns(_NO_FRAMES, link), *self.judge.advance(link)])
 
     def _turns(self, frame_indices: Int64s, link: LinkClock) -> Iterator[Notice]:
         for turn in self._presence.take(frame_indices, link):
@@ -101,48 +112,56 @@ class LinkVehicle:
         return [notice for notice in notices if self.reader.is_vehicle_at(notice.frame_index)]
 
 
+_NO_FRAMES: Int64s = np.empty(0, np.int64)
+
+
 class Link:
     """One link or recording: its frames, the vehicles on it, its clock."""
 
     def __init__(self, judged: Judged, framing: Framing, *, number: int | None) -> None:
         """Start before its first byte; `number` is None on the first link, and on a recording."""
-        self.frames = 0
-        self.in_window = 0
         self.on_frames: Callable[[Sequence[RawFrame]], None] | None = None
         self._judged = judged
         self._scanner = Scanner(judged.dialect, timed=framing is Framing.RECORDS)
         self._datagrams = framing is Framing.DATAGRAM
         self._number = number
         self.is_open = True
-        self._start_us: int | None = None
-        self._latest_rx_us = -1
-        self._vehicles: dict[int, LinkVehicle] = {}
+        self._sorter = FrameSorter(judged.dialect, judged.sysid, judged.window_s)
+        self._vehicles: dict[tuple[int, int], LinkVehicle] = {}
+        self._due_us = np.empty(0, np.int64)  # of each of them, when time alone may change something
+
+    @property
+    def frames(self) -> int:
+        """How many frames came so far."""
+        return self._sorter.frames
+
+    @property
+    def in_window(self) -> int:
+        """How many of them within the times that are judged."""
+        return self._sorter.inside
 
     @property
     def span_us(self) -> int:
         """From the first receive time to the last, µs."""
-        return 0 if self._start_us is None else self._latest_rx_us - self._start_us
+        start_us = self._sorter.start_us
+        return 0 if start_us is None else self._sorter.latest_rx_us - start_us
 
-    def take(self, chunks: Sequence[Chunk], *, final: bool = False) -> list[Event]:
-        """Scan chunk after chunk, and judge what they hold as one batch; the link's own framing holds, not theirs."""
+    def take(self, chunks: Chunks, *, final: bool = False) -> list[Event]:
+        """Scan the chunks and judge what they hold as one batch; the link's own framing holds, not theirs."""
+        return self.judge(self.scan(chunks, final=final))
+
+    def scan(self, chunks: Chunks, *, final: bool = False) -> Scanned:
+        """The frames that the chunks complete; another thread may call this while frames are judged."""
         scanner = self._scanner
-        found: list[Frames] = []
-        buffers: list[Bytes] = []
-        for data, t_rx_us, _ in chunks:
-            frames = scanner.scan(data, t_rx_us=t_rx_us, final=final or self._datagrams)
-            if self.on_frames is not None and len(scanner.all_frames):
-                self.on_frames(scanner.raw_frames())
-            found.append(frames)
-            buffers.append(scanner.buffer)
-        if not any(map(len, found)):
-            return []
-        if len(found) == 1:
-            return events_of(self._judge(found[0], buffers[0]))
-        # As plain bytes: numpy takes long to join structured arrays.
-        frames = np.concatenate([frames.view(_FRAME_BYTES) for frames in found]).view(FRAME)
-        starts = np.cumsum([0, *map(len, buffers[:-1])])
-        frames["payload"] += np.repeat(starts, [len(frames) for frames in found])  # in all buffers together
-        return events_of(self._judge(frames, np.concatenate(buffers)))
+        frames = scanner.scan_chunks(chunks.data, chunks.ends, chunks.t_rx_us, whole=self._datagrams, final=final)
+        raw = scanner.raw_frames() if self.on_frames is not None and len(scanner.all_frames) else ()
+        return Scanned(scanner.buffer, frames, scanner.read, raw)
+
+    def judge(self, scanned: Scanned) -> list[Event]:
+        """Judge frames as one batch."""
+        if scanned.raw and self.on_frames is not None:
+            self.on_frames(scanned.raw)
+        return events_of(self._judge(scanned.buffer, scanned.frames)) if len(scanned.frames) else []
 
     def open(self, *, datagrams: bool) -> None:
         """It is there again, and goes on counting where it left off."""
@@ -156,14 +175,12 @@ class Link:
 
     def advance(self, t_rx_us: int) -> list[Event]:
         """Time has come to `t_rx_us` and nothing came."""
-        if t_rx_us <= self._latest_rx_us:
-            return []
-        self._latest_rx_us = t_rx_us
-        clock = LinkClock(np.array([self.frames]), np.array([t_rx_us]))
-        return events_of(notice for vehicle in self._vehicles.values() for notice in vehicle.advance(clock))
+        clock = self._sorter.pass_time(t_rx_us)
+        return [] if clock is None else events_of(self._pass_time(clock))
 
     def alarm_managers(self) -> Iterator[AlarmManager]:
-        """Of its vehicles."""
+        """Of its vehicles; what is done with them may change what is due."""
+        self._due_us[:] = 0
         return (vehicle.judge.alarm_manager for vehicle in self._vehicles.values())
 
     def now(self, name: int | str) -> tuple[LinkNow, list[VehicleNow]]:
@@ -178,13 +195,13 @@ class Link:
             skipped_bytes=salvage.skipped_bytes,
         )
         vehicles = [vehicle for _, vehicle in sorted(self._vehicles.items()) if vehicle.reader.is_vehicle]
-        return link, [vehicle.judge.now(vehicle.reader, self._latest_rx_us) for vehicle in vehicles]
+        return link, [vehicle.judge.now(vehicle.reader, self._sorter.latest_rx_us) for vehicle in vehicles]
 
     def finish(self) -> list[Event]:
         """Nothing follows."""
         if self._datagrams:
             return []
-        return self.take([Chunk(b"", self._latest_rx_us, Framing.STREAM)], final=True)
+        return self.take(Chunks.of([Chunk(b"", self._sorter.latest_rx_us, Framing.STREAM)]), final=True)
 
     def entry(self, name: str) -> schema.File:
         """The link's entry in the report."""
@@ -202,45 +219,29 @@ class Link:
             vehicles=tuple(vehicles),
         )
 
-    def _judge(self, frames: Frames, buffer: Bytes) -> Iterator[Notice]:
-        frame_indices = np.arange(self.frames, self.frames + len(frames))
-        self.frames += len(frames)
-        latest_rx_us = latest_rx(frames["t_rx_us"], self._latest_rx_us)
-        self._latest_rx_us = int(latest_rx_us[-1])
-        if self._start_us is None and latest_rx_us[-1] > 0:
-            self._start_us = int(frames["t_rx_us"][frames["t_rx_us"] > 0][0])  # a damaged first time reads as 0
-        in_window = self._in_window(frames["t_rx_us"])
-        self.in_window += int(in_window.sum())
-        component = frames["sysid"].astype(np.int64) * 256 + frames["compid"]
-        wanted = frames["duplicate"] == 0
-        if self._judged.sysid is not None:
-            wanted &= frames["sysid"] == self._judged.sysid
-        clock = LinkClock(frame_indices, latest_rx_us)
-        present = np.flatnonzero(np.bincount(component[wanted])).tolist()
-        for key in present:
-            rows = np.flatnonzero(wanted & (component == key))
-            vehicle = self._vehicles.get(key) or self._new_vehicle(key)
-            batch = vehicle.reader.read(buffer, np.take(frames, rows), frame_indices[rows], in_window[rows])
-            yield from vehicle.take(batch, frame_indices[rows], clock)
-        for key in self._vehicles.keys() - set(present):
-            vehicle = self._vehicles[key]
-            yield from vehicle.advance(clock)
+    def _judge(self, buffer: Bytes, frames: Frames) -> Iterator[Notice]:
+        batch = self._sorter.sort(buffer, frames)
+        for share in batch.shares:
+            vehicle = self._vehicles.get(share.address) or self._new_vehicle(share.address)
+            yield from vehicle.take(batch, share)
+            self._due_us[vehicle.place] = vehicle.due_us
+        yield from self._pass_time(batch.clock)
 
-    def _new_vehicle(self, key: int) -> LinkVehicle:
-        vehicle_id = VehicleId(self._number, *divmod(key, 256))
-        vehicle = LinkVehicle(vehicle_id, self._judged)
-        self._vehicles[key] = vehicle
+    def _pass_time(self, clock: LinkClock) -> Iterator[Notice]:
+        """Tell of the deadlines that have passed of vehicles of which nothing came."""
+        due = np.flatnonzero(self._due_us <= clock.latest_rx_us[-1])
+        if len(due):
+            vehicles = list(self._vehicles.values())
+            for place in due.tolist():
+                yield from vehicles[place].advance(clock)
+                self._due_us[place] = vehicles[place].due_us
+
+    def _new_vehicle(self, address: tuple[int, int]) -> LinkVehicle:
+        vehicle_id = VehicleId(self._number, *address)
+        vehicle = LinkVehicle(vehicle_id, self._judged, len(self._vehicles))
+        self._vehicles[address] = vehicle
+        self._due_us = np.append(self._due_us, NEVER_US)
         return vehicle
-
-    def _in_window(self, t_rx_us: Int64s) -> npt.NDArray[np.bool_]:
-        start_us = self._start_us or 0
-        inside = np.ones(len(t_rx_us), np.bool_)
-        from_s, to_s = self._judged.window_s
-        if from_s is not None:
-            inside &= t_rx_us >= start_us + from_s * 1e6
-        if to_s is not None:
-            inside &= t_rx_us < start_us + to_s * 1e6
-        return inside
 
 
 def events_of(notices: Iterable[Notice]) -> list[Event]:

@@ -7,20 +7,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from typing import NamedTuple
 
 from gcs_bridge.alarms.manager import AlarmManager
-from gcs_bridge.chunks import Chunk, Framing
+from gcs_bridge.chunks import Chunk, Chunks, Framing
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event, Notice
 from gcs_bridge.judging.link import Datagram, FrameObserver, Judged, Link, events_of
 from gcs_bridge.judging.observation import Observer
 from gcs_bridge.judging.snapshot import Snapshot
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
+from gcs_bridge.mavlink.scanner import Scanned
 from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings, load_settings
 from gcs_bridge.telemetry.samples import STREAMS
 
 _RECORDING = "recording"
+
+
+class Scan(NamedTuple):
+    """What was found on a link and is to be judged."""
+
+    link: Link
+    scanned: Scanned
 
 
 class Monitor:
@@ -79,17 +88,28 @@ class Monitor:
             raise ValueError(f"link {link} is not open")
         return found.close(t_rx_us)
 
-    def take(self, chunks: Sequence[Chunk], link: int = 0) -> list[Event]:
+    def take(self, chunks: Chunks | Sequence[Chunk], link: int = 0) -> list[Event]:
         """Take chunks of a link, or of a recording whatever `link` is, as one batch: as one by one, at less cost.
 
         A link that was closed is open again, as what it was before.
         """
-        if not chunks:
-            return []
-        name = _RECORDING if chunks[0].framing is Framing.RECORDS else link
-        found = self._links.get(name) or self._new_link(name, chunks[0].framing)
+        return self.judge(self.scan(chunks, link)) if len(chunks) else []
+
+    def scan(self, chunks: Chunks | Sequence[Chunk], link: int = 0) -> Scan:
+        """Find the frames in chunks, one at least, of a link: the first half of `take`.
+
+        The next ones may be scanned in another thread while these are judged.
+        """
+        if not isinstance(chunks, Chunks):
+            chunks = Chunks.of(chunks)
+        name = _RECORDING if chunks.framing is Framing.RECORDS else link
+        found = self._links.get(name) or self._new_link(name, chunks.framing)
         found.is_open = True
-        return found.take(chunks)
+        return Scan(found, found.scan(chunks))
+
+    def judge(self, scan: Scan) -> list[Event]:
+        """Judge what `scan` found, in the order in which it was scanned."""
+        return scan.link.judge(scan.scanned)
 
     def feed(self, data: bytes | bytearray | memoryview, t_rx_us: int, link: int = 0) -> list[Event]:
         """Take the next bytes of a link, or one datagram, received at `t_rx_us` (µs since 1970; −1: unknown)."""

@@ -26,7 +26,7 @@ from gcs_bridge.events import (
 )
 from gcs_bridge.judging.boot import Boot
 from gcs_bridge.judging.estimator_resets import Reset
-from gcs_bridge.telemetry.batches import ClockNotice
+from gcs_bridge.telemetry.clocks import ClockChange
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
 from gcs_bridge.telemetry.samples import STREAMS
@@ -35,13 +35,11 @@ from gcs_bridge.telemetry.stream_liveness import StreamChange
 _STREAM_EVENTS = {"started": StreamStarted, "stale": StreamStale, "resumed": StreamResumed}
 
 
-def clock_notice(vehicle: VehicleId, notice: ClockNotice) -> Notice:
+def clock_notice(vehicle: VehicleId, change: ClockChange) -> Notice:
     """The vehicle's clock did something else than go on."""
-    change = notice.change
-    boot = change.boot
     kind = Reboot if change.kind == "reboot" else ClockStep
-    where = head(vehicle, boot, change.t_boot_us, notice.t_rx_us)
-    return Notice(notice.frame_index, kind(**where, step_s=change.step_us / 1e6), Rank.CLOCK)
+    where = head(vehicle, change.boot, change.t_boot_us, change.t_rx_us)
+    return Notice(change.frame_index, kind(**where, step_s=change.step_us / 1e6), Rank.CLOCK)
 
 
 def reset_notice(vehicle: VehicleId, boot: int, reset: Reset, t_rx_us: int, said: Iterable[str]) -> Notice:

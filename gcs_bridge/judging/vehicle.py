@@ -35,7 +35,7 @@ from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.batches import BootSegment, VehicleBatch, no_segment
 from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.telemetry.link_clock import LinkClock
+from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
 from gcs_bridge.telemetry.stillness import Stillness
@@ -80,8 +80,8 @@ class VehicleJudge:
         for name, t_rx_us in batch.counted.items():
             self._stream(name).add(t_rx_us)
         self._hear(batch, link)
-        for notice in batch.clock_changes:
-            yield clock_notice(self.vehicle, notice)
+        for change in batch.clock_changes:
+            yield clock_notice(self.vehicle, change)
         boots = {segment.boot: segment for segment in batch.segments}
         more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
         for index in sorted(boots.keys() | set(np.unique(np.concatenate(more)).tolist())):
@@ -90,6 +90,11 @@ class VehicleJudge:
         last = int(frame_indices[-1])
         for latest in (self._heard, self._fixed_wing, self._ardupilot, self._stillness, self._trims):
             latest.forget(last)
+
+    @property
+    def due_us(self) -> int:
+        """The receive time of the link from which on time alone may change something."""
+        return min(self.alarm_manager.due_us, NEVER_US if self._boot is None else self._boot.liveness.due_us)
 
     def advance(self, link: LinkClock) -> Iterator[Notice]:
         """Time passed on the link and nothing of this vehicle came."""
@@ -274,8 +279,7 @@ class VehicleJudge:
                 corrected=corrected,
                 quaternion=quaternion,
                 pairs=aligned.pairs,
-                angle_rad=found.angle,
-                bad=found.judged & (found.angle > found.limit),
+                disagreement=found,
             )
         )
         told_of = [*self.alarm_manager.tell(link, lambda moment: self._ask(boot, moment, link))]
@@ -324,8 +328,10 @@ class VehicleJudge:
         own = {}
         for name, samples in batch.imu.items():
             mine = (samples.boot == boot.index) & (samples.t_boot_us >= 0) & (samples.frame_index >= boot.frame_index)
-            if mine.any():
-                own[name] = samples.where(mine)
+            if mine.all():
+                own[name] = samples
+            elif mine.any():
+                own[name] = samples[mine]
         chosen = boot.imu.take(own)
         if chosen is None:
             return None
@@ -355,10 +361,7 @@ class VehicleJudge:
         for index, samples in enumerate((segment.euler, segment.quaternion)):
             if len(samples):
                 count = self._stream(samples.source)
-                mine = segment.message == index
-                steps = count.add(samples.t_boot_us)
-                count.add_losses(steps, period_us[mine], segment.lost[mine])
-                count.invalid += int((~samples.valid).sum())
+                count.add_stream(index, segment.message, segment.t_boot_us, segment.lost, period_us, samples.valid)
 
 
 def _of_boot(secondary: Ahrs2Samples, boot: Boot) -> Ahrs2Samples:

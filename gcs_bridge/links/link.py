@@ -1,29 +1,31 @@
 """Live links: opened by pymavlink's connections, read by us from the descriptor, never written to.
 
 A link is drained: one call takes everything that has arrived. The batch is one message where the link is quiet, and
-grows under load. Datagrams keep their borders; of a stream one chunk comes, cut wherever it was cut on the way.
+grows under load. Datagrams keep their borders; a stream is cut wherever it was cut on the way.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import socket
-import struct
 import sys
 import time
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
-from gcs_bridge.chunks import Chunk, Framing
+import numpy as np
+
+from gcs_bridge.chunks import Chunk, Chunks, Framing
+from gcs_bridge.links.datagrams import AT_ONCE, DatagramReader
 
 __all__ = ["DatagramLink", "Link", "LinkDownError", "SerialLink", "StreamLink", "TcpLink", "now_us"]
-_READ = 65536  # the largest datagram, and a serial link's worth of some seconds
-_BATCH_BYTES = 2**20  # bounds what one drain takes, so that a flood cannot keep the loop from the clock
-_RECEIVE_BUFFER = 4 * 2**20  # asked for; the system may give less
-# Numbers of Linux's asm-generic/socket.h that Python does not name: when each datagram arrived, and how many did not
-# fit into the buffer since the socket was opened.
-_SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40
+_LARGEST = 65_536  # a datagram
+# Bounds what one drain takes, so that a flood cannot keep the loop from the clock, and from other links.
+_BATCH_BYTES, _BATCH_CHUNKS = 2**20, 4096
+_RECEIVE_BUFFER = 16 * 2**20  # asked for: some tenths of a second at the highest rates; the system may give less
+_SO_RCVBUFFORCE = 33  # of Linux's asm-generic/socket.h: beyond the system's limit, for who may
 
 
 class LinkDownError(Exception):
@@ -40,6 +42,10 @@ class Link:
         self.name = name
         self.dropped = 0  # datagrams that the system dropped because they were not fetched in time
         self._connection = connection
+        self._data = np.empty(_BATCH_BYTES + AT_ONCE * _LARGEST, np.uint8)  # memory is taken where it is written to
+        self._ends = np.empty(_BATCH_CHUNKS + AT_ONCE, np.int64)
+        self._t_rx_us = np.empty(_BATCH_CHUNKS + AT_ONCE, np.int64)
+        self._count = 0
 
     def fileno(self) -> int | None:
         """The descriptor to wait on; None where the system has none, and the link must be asked from time to time."""
@@ -48,39 +54,46 @@ class Link:
     def __iter__(self) -> Iterator[Chunk]:
         return iter(self.drain())
 
-    def drain(self) -> list[Chunk]:
+    def drain(self) -> Chunks:
         """Everything that has arrived and was not fetched yet, without waiting; empty if nothing has.
 
-        Raises LinkDownError when the link has ended and all that came before its end was fetched.
+        Valid until the next call. Raises LinkDownError when the link has ended and all that came before its end was
+        fetched.
         """
-        chunks: list[Chunk] = []
-        taken = 0
-        while taken < _BATCH_BYTES:
-            try:
-                chunk = self._read()
-            except BlockingIOError:
-                break
-            except OSError as error:
-                if chunks:
-                    break  # it will be found again by the next call
+        self._count = 0
+        try:
+            while self._fetch() and self._count < _BATCH_CHUNKS and self._size < _BATCH_BYTES:
+                pass
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            if not self._count:  # else it will be found again by the next call
                 raise LinkDownError(error.strerror or str(error)) from None
-            except LinkDownError:
-                if chunks:
-                    break
-                raise
-            if chunk is None:
-                break
-            chunks.append(chunk)
-            taken += len(chunk.data)
-        return chunks
+        count = self._count
+        return Chunks(self._data[: self._size], self._ends[:count], self._t_rx_us[:count], self.framing)
 
     def close(self) -> None:
         """Give the port back."""
         self._connection.close()
 
-    def _read(self) -> Chunk | None:
-        """The next chunk; None or BlockingIOError if there is none now."""
+    @property
+    def _size(self) -> int:
+        """Of all chunks that were fetched, in bytes."""
+        return int(self._ends[self._count - 1]) if self._count else 0
+
+    def _fetch(self) -> bool:
+        """Fetch more; whether there may be still more. BlockingIOError: there is none. OSError: the link has ended."""
         raise NotImplementedError
+
+    def _room(self) -> memoryview:
+        """Where the next chunk's bytes belong."""
+        return self._data.data[self._size :]
+
+    def _add(self, size: int) -> None:
+        """Note that the next chunk's bytes are there, received now."""
+        self._ends[self._count] = self._size + size
+        self._t_rx_us[self._count] = now_us()
+        self._count += 1
 
 
 class DatagramLink(Link):
@@ -93,49 +106,39 @@ class DatagramLink(Link):
         super().__init__(name, connection)
         self._socket: socket.socket = connection.port
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        if sys.platform == "linux":
+            with contextlib.suppress(PermissionError):
+                self._socket.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
         # pymavlink binds with SO_REUSEADDR; taken back, so that nobody else can bind the port and take the datagrams.
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
-        self._ancillary = 0
-        if sys.platform == "linux":
-            self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-            self._socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
-            self._ancillary = socket.CMSG_SPACE(struct.calcsize("@ll")) + socket.CMSG_SPACE(4)
+        self._reader: DatagramReader | None = None
+        with contextlib.suppress(OSError):
+            self._reader = DatagramReader(self._socket)
 
-    def _read(self) -> Chunk:
-        if not self._ancillary:
-            return Chunk(self._socket.recv(_READ), now_us(), self.framing)
-        data, ancillary, _, _ = self._socket.recvmsg(_READ, self._ancillary)
-        t_rx_us = -1
-        for _, kind, value in ancillary:
-            if kind == _SO_TIMESTAMPNS and len(value) == struct.calcsize("@ll"):
-                seconds, nanoseconds = struct.unpack("@ll", value)
-                t_rx_us = seconds * 1_000_000 + nanoseconds // 1000
-            elif kind == _SO_RXQ_OVFL:
-                (self.dropped,) = struct.unpack("@I", value)
-        return Chunk(data, t_rx_us if t_rx_us > 0 else now_us(), self.framing)
+    def _fetch(self) -> bool:
+        if self._reader is None:
+            self._add(self._socket.recv_into(self._room()))
+            return True
+        before, self._count = self._count, self._reader.read(self._data, self._ends, self._t_rx_us, self._count)
+        self.dropped = self._reader.dropped
+        return self._count == before + AT_ONCE
 
 
 class StreamLink(Link):
-    """A link without borders: all that has arrived is one chunk, received when its last bytes were fetched."""
+    """A link without borders."""
 
     framing = Framing.STREAM
-
-    def drain(self) -> list[Chunk]:
-        """As every link's; one chunk at most."""
-        chunks = super().drain()
-        if len(chunks) < 2:
-            return chunks
-        return [Chunk(b"".join(chunk.data for chunk in chunks), chunks[-1].t_rx_us, self.framing)]
 
 
 class TcpLink(StreamLink):
     """`tcp:`, connected."""
 
-    def _read(self) -> Chunk:
-        data = self._connection.port.recv(_READ)
-        if not data:
-            raise LinkDownError("the other side has closed the connection")
-        return Chunk(data, now_us(), self.framing)
+    def _fetch(self) -> bool:
+        size: int = self._connection.port.recv_into(self._room()[:_BATCH_BYTES])
+        if not size:
+            raise ConnectionError("the other side has closed the connection")
+        self._add(size)
+        return False  # what has come meanwhile is the next batch's
 
 
 class SerialLink(StreamLink):
@@ -145,17 +148,20 @@ class SerialLink(StreamLink):
         """None on Windows, which has no descriptors for serial ports."""
         return None if self._connection.fd is None else int(self._connection.fd)
 
-    def _read(self) -> Chunk | None:
+    def _fetch(self) -> bool:
         descriptor = self.fileno()
+        size: int
         if descriptor is None:
             port = self._connection.port
-            data = port.read(port.in_waiting)
-            return Chunk(data, now_us(), self.framing) if data else None
-        readable = bool(select.select([descriptor], [], [], 0)[0])
-        data = os.read(descriptor, _READ) if readable else b""
-        if readable and not data:  # a terminal that has nothing is not readable; one that has gone always is
-            raise LinkDownError("the device has gone")
-        return Chunk(data, now_us(), self.framing) if data else None
+            size = port.readinto(self._room()[: port.in_waiting])
+        elif not select.select([descriptor], [], [], 0)[0]:
+            return False
+        elif not (size := os.readv(descriptor, [self._room()])):
+            # A terminal that has nothing is not readable; one that has gone always is.
+            raise ConnectionError("the device has gone")
+        if size:
+            self._add(size)
+        return size > 0
 
 
 def now_us() -> int:

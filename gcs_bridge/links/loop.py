@@ -20,9 +20,10 @@ from gcs_bridge.links.link import Link, LinkDownError, now_us
 
 __all__ = ["Stop", "listen"]
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
-# The least time from batch to batch: judging one costs the same whether it holds one message or ten. Where a viewer
-# looks on, the newest is to be there within 0.1 s.
-_BATCH_S, _WATCHED_BATCH_S = 0.1, 0.055
+# So long what comes first waits for what comes with it: a vehicle sends its messages in bursts, and judging one costs
+# nearly the same whether it holds one message or ten.
+_GATHER_S = 0.003
+_POLL_S = 0.01  # so often a link is asked that cannot be waited for
 
 
 class Stop:
@@ -61,38 +62,40 @@ def listen(
     *,
     stop: Callable[[], bool] = lambda: False,
     duration_s: float | None = None,
-    watched: bool = False,
 ) -> bool:
     """Feed `monitor` from the links and `tell` each batch's events, until `stop` says so or `duration_s` is over.
 
-    Link number n is the monitor's link n; in an event of the link itself, `link` is its name. Returns False if it
-    ended because every link had. `watched`: a viewer shows what comes, so it is taken more often.
+    A batch is what has arrived: one burst where the link is quiet, more where this machine falls behind. Link number n
+    is the monitor's link n; in an event of the link itself, `link` is its name. Returns False if it ended because every
+    link had.
     """
-    batch_s = _WATCHED_BATCH_S if watched else _BATCH_S
     ends_s = None if duration_s is None else time.monotonic() + duration_s
     with _Waiter() as waiter:
         listened = [_Listened(number, link, monitor, tell) for number, link in enumerate(links)]
         for one in listened:
-            waiter.add(one)
+            waiter.add(one.link)
             one.say(LinkUp)
-        ticked_s = time.monotonic()
+        taken_s = ticked_s = time.monotonic()
         while not all(one.ended for one in listened):
             now_s = time.monotonic()
             if stop() or (ends_s is not None and now_s >= ends_s):
                 return True
-            ready = waiter.wait(_TICK_S if ends_s is None else min(_TICK_S, ends_s - now_s))
+            came_s = taken_s  # what is there already came since then, while the last batch was judged
+            if not waiter.wait(0):
+                waiter.wait(_TICK_S if ends_s is None else min(_TICK_S, ends_s - now_s))
+                came_s = time.monotonic()
+            time.sleep(max(came_s + _GATHER_S - time.monotonic(), 0))
             taken_s = time.monotonic()
-            heard = [one for one in ready if one.take()]
+            open_ones = [one for one in listened if not one.ended]
+            heard = [one for one in open_ones if one.take()]
+            for one in [one for one in open_ones if one.ended]:
+                waiter.remove(one.link)
+                one.link.close()
             if taken_s - ticked_s >= _TICK_S:
                 ticked_s = taken_s
                 for one in listened:
                     if one not in heard:  # there may be more to come that waited while this process was held up
                         one.advance()
-            for one in [one for one in ready if one.ended]:
-                waiter.remove(one)
-                one.link.close()
-            if ready:
-                time.sleep(max(batch_s - (time.monotonic() - taken_s), 0))
     return False
 
 
@@ -117,11 +120,12 @@ class _Listened:
             self._tell(self._monitor.close_link(self._number, now_us()))
             self.say(LinkDown, reason=readable(str(end)))
             return False
-        self._tell(self._monitor.take(chunks, self._number))
+        if len(chunks):
+            self._tell(self._monitor.take(chunks, self._number))
         if self.link.dropped != self._dropped:
             lost, self._dropped = self.link.dropped - self._dropped, self.link.dropped
             self.say(Damage, reason=f"{lost} datagrams were dropped here: this machine is too slow", dropped=lost)
-        return bool(chunks)
+        return len(chunks) > 0
 
     def advance(self) -> None:
         """Nothing has come: let time pass."""
@@ -135,11 +139,11 @@ class _Listened:
 
 
 class _Waiter:
-    """Waits until something has come on any link; those without a descriptor are looked at from time to time."""
+    """Waits until something has come on any link; those without a descriptor are to be asked from time to time."""
 
     def __init__(self) -> None:
         self._selector = selectors.DefaultSelector()
-        self._without: list[_Listened] = []
+        self._without = 0
 
     def __enter__(self) -> _Waiter:
         return self
@@ -149,25 +153,25 @@ class _Waiter:
     ) -> None:
         self._selector.close()
 
-    def add(self, one: _Listened) -> None:
-        descriptor = one.link.fileno()
+    def add(self, link: Link) -> None:
+        descriptor = link.fileno()
         if descriptor is None:
-            self._without.append(one)
+            self._without += 1
         else:
-            self._selector.register(descriptor, selectors.EVENT_READ, one)
+            self._selector.register(descriptor, selectors.EVENT_READ)
 
-    def remove(self, one: _Listened) -> None:
-        if one in self._without:
-            self._without.remove(one)
+    def remove(self, link: Link) -> None:
+        descriptor = link.fileno()
+        if descriptor is None:
+            self._without -= 1
         else:
-            descriptor = one.link.fileno()
-            assert descriptor is not None
             self._selector.unregister(descriptor)
 
-    def wait(self, seconds: float) -> list[_Listened]:
+    def wait(self, seconds: float) -> bool:
+        """Whether something has come; False where that is not known."""
         if self._without:
-            seconds = min(seconds, _WATCHED_BATCH_S)
+            seconds = min(seconds, _POLL_S)
         if not self._selector.get_map():
             time.sleep(seconds)
-            return list(self._without)
-        return [key.data for key, _ in self._selector.select(seconds)] + self._without
+            return False
+        return bool(self._selector.select(seconds))

@@ -114,11 +114,11 @@ def crc_with_byte(crc, byte):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _integer(buf, at, size):  # type: ignore[no-untyped-def]  # typed by numba
+def integer_at(buf, at, size):  # type: ignore[no-untyped-def]  # typed by numba
     """The little-endian unsigned integer of `size` bytes at `at`."""
     value = np.int64(0)
     for i in range(size):
-        value |= np.int64(buf[at + i]) << (8 * i)
+        value |= np.int64(buf[np.uint64(at + i)]) << (8 * i)
     return value
 
 
@@ -131,7 +131,7 @@ def _head(buf, at, n):  # type: ignore[no-untyped-def]  # typed by numba
         if n - at < 10:
             return 10, -1, 0, 0
         flags = np.int64(buf[at + 2])
-        msgid = _integer(buf, at + 7, 3)
+        msgid = integer_at(buf, at + 7, 3)
         return 10, 12 + np.int64(buf[at + 1]) + (13 if flags & _SIGNED else 0), msgid, flags
     if buf[at] == _V1:
         if n - at < 6:
@@ -155,7 +155,7 @@ def _look(buf, at, n, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # 
         return _UNKNOWN, header, whole, msgid
     end = at + header + np.int64(buf[at + 1])
     crc = crc_with_byte(crc_of(buf, at + 1, end, np.int64(0xFFFF)), np.int64(crc_extra[row]))
-    if crc == _integer(buf, end, 2):
+    if crc == integer_at(buf, end, 2):
         return (_UNKNOWN if flags & ~_SIGNED else _GOOD), header, whole, msgid
     return _BAD_CRC, header, whole, msgid
 
@@ -172,7 +172,7 @@ def _zero_padded(buf, at, header, msgid, row_of_id, crc_extra, field_end, anywhe
     if header != 10 or (buf[end - 1] == 0 and length > 1):  # version 2 alone cuts zeros, all but a first byte
         return False
     row = row_of_id[msgid]
-    sent = _integer(buf, end, 2)
+    sent = integer_at(buf, end, 2)
     for padded in range(length + 1, field_end.shape[1]):
         if field_end[row, padded] == BEYOND:
             break
@@ -283,25 +283,25 @@ def _admit(frame, components, counts, buf, time):  # type: ignore[no-untyped-def
     frame.lost = lost[mine]
 
 
-@kernel
-def scan_kernel(
-    buf: Bytes,
-    base: int,
-    final: bool,
-    timed: bool,
-    t_rx_us: int,
-    row_of_id: npt.NDArray[np.int16],
-    crc_extra: npt.NDArray[np.uint8],
-    field_end: Annotated[npt.NDArray[np.uint8], 2],
-    counts: npt.NDArray[np.int64],
-    components: Components,
-    frames: Frames,
-    gaps: Annotated[npt.NDArray[np.int64], 2],
-) -> tuple[int, int]:
-    """Scan `buf`, whose first byte has the offset `base`; return (frames, gaps) found, by the module's rules."""
-    n = buf.size
-    n_frames = 0
-    n_gaps = 0
+@helper
+def _scan_chunk(  # type: ignore[no-untyped-def]  # typed by numba
+    buf,
+    base,
+    n,
+    final,
+    timed,
+    t_rx_us,
+    row_of_id,
+    crc_extra,
+    field_end,
+    counts,
+    components,
+    frames,
+    n_frames,
+    gaps,
+    n_gaps,
+):
+    """Scan on to the chunk's end `n`; the frames and gaps found so far, with those of before."""
     at = counts[_CURSOR] - base  # a due record's or frame's first byte; in a gap, where a frame may start
     while True:
         gap_start = counts[_GAP_START]
@@ -314,7 +314,7 @@ def scan_kernel(
         if what == _MORE and not final:
             break
         end = start + whole
-        time = np.int64(t_rx_us)
+        time = t_rx_us
         if timed:
             time = _time(buf, start - 8) if not in_gap or start - 8 >= gap_start - base else np.int64(_NO_TIME)
         taken = what == _GOOD
@@ -409,4 +409,49 @@ def scan_kernel(
         counts[_GAP_START] = -1
         at = n
     counts[_CURSOR] = base + at
+    return n_frames, n_gaps
+
+
+@kernel
+def scan_kernel(
+    buf: Bytes,
+    base: int,
+    ends: npt.NDArray[np.int64],
+    t_rx_us: npt.NDArray[np.int64],
+    whole: bool,
+    final: bool,
+    timed: bool,
+    row_of_id: npt.NDArray[np.int16],
+    crc_extra: npt.NDArray[np.uint8],
+    field_end: Annotated[npt.NDArray[np.uint8], 2],
+    counts: npt.NDArray[np.int64],
+    components: Components,
+    frames: Frames,
+    gaps: Annotated[npt.NDArray[np.int64], 2],
+) -> tuple[int, int]:
+    """Scan `buf`, whose first byte has the offset `base`; return (frames, gaps) found, by the module's rules.
+
+    It holds chunks up to their `ends`, received at `t_rx_us`. `whole`: nothing goes on behind any of them; `final`:
+    behind the last.
+    """
+    n_frames = 0
+    n_gaps = 0
+    for chunk in range(ends.size):
+        n_frames, n_gaps = _scan_chunk(
+            buf,
+            base,
+            ends[chunk],
+            whole or (final and chunk == ends.size - 1),
+            timed,
+            t_rx_us[chunk],
+            row_of_id,
+            crc_extra,
+            field_end,
+            counts,
+            components,
+            frames,
+            n_frames,
+            gaps,
+            n_gaps,
+        )
     return n_frames, n_gaps

@@ -5,11 +5,13 @@ What they hold is not known here.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
+from gcs_bridge.columns import Int64s
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import (
     _BAD_TIMES,
@@ -80,6 +82,15 @@ class RawFrame(NamedTuple):
     data: bytes
 
 
+class Scanned(NamedTuple):
+    """Frames that were found, what they lie in, and how many bytes were read so far; if asked for, as they came."""
+
+    buffer: Bytes
+    frames: Frames
+    done: int
+    raw: Sequence[RawFrame] = ()
+
+
 class Scanner:
     """The frames of one link or recording, from its bytes in pieces cut anywhere.
 
@@ -90,7 +101,7 @@ class Scanner:
 
     def __init__(self, dialect: Dialect, *, timed: bool) -> None:
         """Start with nothing read."""
-        self.salvage = Salvage()
+        self._salvage = Salvage()
         self.buffer: Bytes = np.empty(0, np.uint8)
         self.all_frames: Frames = np.empty(0, FRAME)  # of the last call, with those of unknown ids
         self._base = 0
@@ -107,45 +118,66 @@ class Scanner:
             seen_us=np.full((_SLOTS, 256), -1, np.int64),
         )
 
+    @property
+    def read(self) -> int:
+        """How many bytes were read so far."""
+        return self._salvage.bytes
+
+    @property
+    def salvage(self) -> Salvage:
+        """What was read by now, and what was lost."""
+        for slot, name in _COUNTERS:
+            setattr(self._salvage, name, int(self._counts[slot]))
+        return self._salvage
+
     def scan(self, data: bytes | bytearray | memoryview, *, t_rx_us: int = -1, final: bool = False) -> Frames:
         """Take the next bytes and return the frames that they complete.
 
         `t_rx_us` is the receive time of a stream's bytes, −1 if unknown (a recording brings its own). With `final`
         nothing follows: what is still undecided is decided, as at the end of a file or of a datagram.
         """
-        keep = int(self._counts[_CURSOR]) - self._base
-        if self._timed and self._counts[_GAP_START] >= 0:
+        ends, times_us = np.array([len(data)]), np.array([t_rx_us])
+        return self.scan_chunks(np.frombuffer(data, np.uint8), ends, times_us, final=final)
+
+    def scan_chunks(
+        self, data: Bytes, ends: Int64s, t_rx_us: Int64s, *, whole: bool = False, final: bool = False
+    ) -> Frames:
+        """Take the chunks of `data`, up to `ends` each: as `scan` takes one after the other, in one call.
+
+        `whole`: nothing goes on behind any of them, as behind datagrams; `final`: behind the last.
+        """
+        counts, salvage = self._counts, self._salvage
+        keep = int(counts[_CURSOR]) - self._base
+        if self._timed and counts[_GAP_START] >= 0:
             keep = max(keep - 8, 0)  # the bytes before a frame found in a gap may be its time
         rest = self.buffer.size - keep
-        buffer = np.empty(rest + len(data), np.uint8)
+        buffer = np.empty(rest + data.size, np.uint8)
         buffer[:rest] = self.buffer[keep:]
-        buffer[rest:] = np.frombuffer(data, np.uint8)
+        buffer[rest:] = data
         self.buffer = buffer
         self._base += keep
-        capacity = buffer.size // _SMALLEST_FRAME + 2
-        frames = np.empty(capacity, FRAME)
-        gaps = np.empty((capacity, 2), np.int64)
+        capacity = buffer.size // _SMALLEST_FRAME + len(ends) + 1
+        frames, gaps = np.empty(capacity, FRAME), np.empty((capacity, 2), np.int64)
+        unverified = int(counts[_UNVERIFIED])
         n_frames, n_gaps = scan_kernel(
             buffer,
             self._base,
+            ends + rest if rest else ends,
+            t_rx_us,
+            whole,
             final,
             self._timed,
-            t_rx_us,
             *self._tables,
-            self._counts,
+            counts,
             self._components,
             frames,
             gaps,
         )
-        salvage = self.salvage
-        salvage.bytes += len(data)
-        self.all_frames = frames[:n_frames]
-        verified = self.all_frames
-        if not verified["verified"].all():
+        self.all_frames = verified = frames[:n_frames]
+        if counts[_UNVERIFIED] != unverified:
             verified = verified[verified["verified"] == 1]
+        salvage.bytes += data.size
         salvage.frames += len(verified)
-        for slot, name in _COUNTERS:
-            setattr(salvage, name, int(self._counts[slot]))
         for offset, length in gaps[:n_gaps].tolist():
             salvage.add_gap(offset, length)
         return verified

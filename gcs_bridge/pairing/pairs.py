@@ -103,8 +103,17 @@ class Aligner:
         self._state = self._state.with_room(longest)
         pairs, steps = self._pair_rows(len(euler) + len(quaternion) + self._state.n_waiting), step_rows(longest)
         periods, counts = np.empty((2, n), np.int64), np.empty(5, np.int64)
-        sent = _came(euler, q_euler_sent), _came(quaternion, None)
-        pair_kernel(stream, *sent, self._limits, self._state, pairs, steps, periods, counts)
+        pair_kernel(
+            stream,
+            _came(euler, q_euler_sent),
+            _came(quaternion, None),
+            self._limits,
+            self._state,
+            pairs,
+            steps,
+            periods,
+            counts,
+        )
         of_euler, of_quaternion, n_pairs = counts[:3].tolist()
         return Aligned(
             pairs=Pairs(**{name: of[:n_pairs] for name, of in pairs._asdict().items()}),

@@ -183,6 +183,11 @@ class PrimaryImu:
 
     def take(self, imu: Mapping[str, ImuSamples]) -> ImuSamples | None:
         """The samples of the chosen sensor, up to where a better one is heard: from there on, that one's."""
+        if len(imu) == 1:
+            ((name, samples),) = imu.items()
+            rank = _SENSORS.index(name)
+            self._best = min(self._best, rank)
+            return samples if rank == self._best and len(samples) else None
         parts: list[ImuSamples] = []
         until = np.iinfo(np.int64).max
         for rank, name in enumerate(_SENSORS[: self._best + 1]):

@@ -11,6 +11,7 @@ from gcs_bridge.chunks import Chunk
 from gcs_bridge.contract import readable
 from gcs_bridge.errors import UsageError
 from gcs_bridge.judging.monitor import Monitor
+from gcs_bridge.recordings.ahead import ahead
 from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.report import Report
 from gcs_bridge.report.schema import File
@@ -65,11 +66,9 @@ def check_file(
 
 def feed(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, after: Callable[[int], None]) -> None:
     """Give `monitor` a recording to its end, and `sinks` what is told; `after` each chunk is told the bytes so far."""
-    done = 0
-    for chunk in chunks:
-        sinks.events(monitor.take([chunk]))
-        done += len(chunk.data)
-        after(done)
+    for scan in ahead(monitor.scan([chunk]) for chunk in chunks):
+        sinks.events(monitor.judge(scan))
+        after(scan.scanned.done)
     sinks.events(monitor.finish())
 
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import chain
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scanner import Salvage, Scanner
+from gcs_bridge.recordings.ahead import scanned_ahead
 from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.settings import VehicleSettings
 from gcs_bridge.telemetry.component import VehicleReader
@@ -26,6 +27,7 @@ from gcs_bridge.telemetry.samples import (
     no_attitudes,
     no_imu,
 )
+from gcs_bridge.telemetry.sorting import FrameSorter, Share, SortedFrames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,25 +62,17 @@ def read(path: str | Path, *, dialect: str = "all") -> Recording:
     path = Path(path)
     tables = open_dialect(dialect)
     with open_recording(path, dialect, judged=False) as recording:
-        scanner = Scanner(tables, timed=recording.timed)
-        gathered: dict[int, _Gathered] = {}
-        n_frames = 0
-        for chunk in chain(recording, (None,)):
-            frames = scanner.scan(b"" if chunk is None else chunk.data, final=chunk is None)
-            frame_indices = np.arange(n_frames, n_frames + len(frames))
-            n_frames += len(frames)
-            component = frames["sysid"].astype(np.int64) * 256 + frames["compid"]
-            for key in np.unique(component).tolist():
-                rows = np.flatnonzero((component == key) & (frames["duplicate"] == 0))
-                source = gathered.get(key) or gathered.setdefault(
-                    key, _Gathered(VehicleId(None, *divmod(key, 256)), tables)
-                )
-                source.take(scanner, frames[rows], frame_indices[rows])
-    vehicles = {
-        source.reader.vehicle.address: source.samples()
-        for _, source in sorted(gathered.items())
-        if source.reader.is_vehicle
-    }
+        scanner, sorter = Scanner(tables, timed=recording.timed), FrameSorter(tables)
+        gathered: dict[tuple[int, int], _Gathered] = {}
+        for piece in scanned_ahead(recording, scanner):
+            if len(piece.frames):
+                batch = sorter.sort(piece.buffer, piece.frames)
+                for share in batch.shares:
+                    source = gathered.get(share.address) or gathered.setdefault(
+                        share.address, _Gathered(VehicleId(None, *share.address), tables)
+                    )
+                    source.take(batch, share, recording.size / piece.done)
+    vehicles = {address: source.samples() for address, source in sorted(gathered.items()) if source.reader.is_vehicle}
     return Recording(path, vehicles, scanner.salvage)
 
 
@@ -87,23 +81,67 @@ class _Gathered:
 
     def __init__(self, vehicle: VehicleId, dialect: Dialect) -> None:
         self.reader = VehicleReader(vehicle, dialect, VehicleSettings())
-        self._attitude = [no_attitudes(ATTITUDE)]
-        self._quaternion = [no_attitudes(ATTITUDE_QUATERNION)]
-        self._imu: dict[str, list[ImuSamples]] = {}
+        self._attitude = _Table(no_attitudes(ATTITUDE))
+        self._quaternion = _Table(no_attitudes(ATTITUDE_QUATERNION))
+        self._imu = {name: _Table(no_imu(name)) for name in IMU_MESSAGES}
 
-    def take(self, scanner: Scanner, frames: np.ndarray[Any, np.dtype[np.void]], frame_indices: Any) -> None:
-        batch = self.reader.read(scanner.buffer, frames, frame_indices, np.ones(len(frames), np.bool_))
-        self._attitude += [segment.euler for segment in batch.segments]
-        self._quaternion += [segment.quaternion for segment in batch.segments]
-        for name, inertial in batch.imu.items():
-            self._imu.setdefault(name, []).append(inertial)
+    def take(self, batch: SortedFrames, share: Share, whole: float) -> None:
+        """Take its share of a piece; all pieces together are `whole` times as large as those so far."""
+        brought = self.reader.read(batch, share)
+        for segment in brought.segments:
+            self._attitude.append(segment.euler, whole)
+            self._quaternion.append(segment.quaternion, whole)
+        for name, samples in brought.imu.items():
+            self._imu[name].append(samples, whole)
 
     def samples(self) -> VehicleSamples:
-        imu = {name.lower(): ImuSamples.joined(self._imu.get(name) or [no_imu(name)]) for name in IMU_MESSAGES}
+        """All of them; nothing may be taken any more."""
+        imu = {name.lower(): table.finished() for name, table in self._imu.items()}
         return VehicleSamples(
             autopilot=self.reader.autopilot,
             type=self.reader.type,
-            attitude=AttitudeSamples.joined(self._attitude),
-            attitude_quaternion=AttitudeSamples.joined(self._quaternion),
+            attitude=self._attitude.finished(),
+            attitude_quaternion=self._quaternion.finished(),
             **imu,
         )
+
+
+SamplesT = TypeVar("SamplesT", AttitudeSamples, ImuSamples)
+_MORE = 1.02  # room for so many times as many rows as the recording so far lets expect
+
+
+class _Table(Generic[SamplesT]):
+    """Rows of one message, in arrays that grow where they are: memory that no row has touched yet costs nothing."""
+
+    def __init__(self, none: SamplesT) -> None:
+        self._last: SamplesT = none  # what came last: of its values that are no arrays, the present ones
+        self._columns: dict[str, npt.NDArray[Any]] = {}
+        self._n = self._room = 0
+
+    def append(self, more: SamplesT, whole: float) -> None:
+        """Take the next rows; of the recording so much was read that it is `whole` times as long."""
+        if not len(more):
+            return
+        first, self._n = self._n, self._n + len(more)
+        if self._n > self._room:
+            self._room = int(_MORE * whole * self._n) + 1
+            self._resize(self._room)
+            like: Any
+            for name, like in vars(more).items():
+                if isinstance(like, np.ndarray) and name not in self._columns:
+                    self._columns[name] = np.empty((self._room, *like.shape[1:]), like.dtype)
+        for name, column in self._columns.items():
+            column[first : self._n] = vars(more)[name]
+        self._last = more
+
+    def finished(self) -> SamplesT:
+        """All rows, and no room beyond them."""
+        self._resize(self._n)
+        columns: dict[str, Any] = self._columns
+        whole: SamplesT = replace(self._last, **columns)
+        return whole
+
+    def _resize(self, room: int) -> None:
+        column: npt.NDArray[Any]
+        for column in self._columns.values():
+            column.resize((room, *column.shape[1:]), refcheck=False)

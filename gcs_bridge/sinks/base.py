@@ -27,11 +27,6 @@ class Sink:
         """Whether it could not take all that it was given; it has told so, and the run goes on."""
         return False
 
-    @property
-    def watched(self) -> bool:
-        """Whether somebody looks on, so that what has come is wanted within 0.1 s."""
-        return False
-
     def frames(self, link: int | str, frames: Sequence[RawFrame]) -> None:
         """Take frames as they came, before they are judged: whoever sent them, unknown ids included."""
 
@@ -58,11 +53,6 @@ class Sinks:
     def failed(self) -> bool:
         """Whether any of them could not take all that it was given."""
         return any(sink.failed for sink in self._sinks)
-
-    @property
-    def watched(self) -> bool:
-        """Whether somebody looks on at any of them."""
-        return any(sink.watched for sink in self._sinks)
 
     @property
     def observer(self) -> Observer | None:

@@ -5,12 +5,12 @@ Data alone: nothing is decided here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from dataclasses import replace
+from typing import Self
 
 import numpy as np
 
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record
 from gcs_bridge.telemetry.clocks import ClockChange
 from gcs_bridge.telemetry.samples import (
     ATTITUDE,
@@ -22,11 +22,8 @@ from gcs_bridge.telemetry.samples import (
 )
 from gcs_bridge.telemetry.statements import Statement
 
-# Messages whose time_boot_ms keeps the clock; the first two are the streams that are compared.
-TIMED = (ATTITUDE, ATTITUDE_QUATERNION, "SYSTEM_TIME", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
 
-
-@dataclass(frozen=True, kw_only=True)
+@record
 class BootSegment(FrameColumns):
     """What one batch brought of one vehicle within one boot.
 
@@ -78,32 +75,25 @@ def no_segment(boot: int) -> BootSegment:
     )
 
 
-class ClockNotice(NamedTuple):
-    """A clock's change and the frame that showed it."""
-
-    change: ClockChange
-    frame_index: int
-    t_rx_us: int
-
-
-@dataclass(frozen=True, kw_only=True)
+@record
 class VelocityChange(FrameColumns):
     """LOCAL_POSITION_NED, n: how fast the velocity changed since the one before, m/s² (n,)."""
 
     acceleration_m_s2: Floats
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class VehicleBatch:
     """What one batch brought of one vehicle: its boots in turn, clock changes, what it said of itself.
 
-    `heard` are the indices of its frames in the window. `counted` holds the receive times, µs, of messages
-    without a boot time of their own; `imu` and `secondary` what these carry.
+    `frame_index` are the indices of its frames, `heard` of those in the window. `counted` holds the receive times, µs,
+    of messages without a boot time of their own; `imu` and `secondary` what these carry.
     """
 
+    frame_index: Int64s
     heard: Int64s
     segments: list[BootSegment]
-    clock_changes: list[ClockNotice]
+    clock_changes: list[ClockChange]
     counted: dict[str, Int64s]
     imu: dict[str, ImuSamples]
     secondary: Ahrs2Samples

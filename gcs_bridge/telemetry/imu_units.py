@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gcs_bridge.columns import Floats, Records
+from gcs_bridge.columns import Floats
 
 STANDARD_GRAVITY = 9.80665  # m/s², ISO 80000-3
 
@@ -40,28 +40,31 @@ class UnitResolver:
 
     def __init__(self, source: str) -> None:
         """Start undecided, if `source` defines no unit."""
-        self._units = SI if source == "HIGHRES_IMU" else MILLI if source != "RAW_IMU" else None
+        self.units = SI if source == "HIGHRES_IMU" else MILLI if source != "RAW_IMU" else None  # as far as known
         self._forces: list[float] = []
         self._tries = 0
 
-    def resolve(self, records: Records, autopilot: str, since: int) -> tuple[Units, int]:
-        """The units of `records`, and the first row for which they are known; `autopilot` is, from row `since` on."""
-        if self._units is not None:
-            return self._units, 0
+    def resolve(self, force: Floats, autopilot: str, since: int) -> tuple[Units, int]:
+        """The units of the next samples, and the first row for which they are known.
+
+        `force` (n, 3) as on the wire; `autopilot` is known from row `since` on.
+        """
+        if self.units is not None:
+            return self.units, 0
         known = autopilot == "ardupilot"
-        untold = records[:since] if known else records
-        force = np.sqrt(sum(untold[axis].astype(np.float64) ** 2 for axis in ("xacc", "yacc", "zacc")))
-        for row, length in enumerate(force.tolist()):
+        untold = force[:since] if known else force
+        lengths = np.sqrt(untold[:, 0] ** 2 + untold[:, 1] ** 2 + untold[:, 2] ** 2)
+        for row, length in enumerate(lengths.tolist()):
             self._forces.append(length)
             if len(self._forces) == _STEADY_SAMPLES:
                 units = self._decided(np.array(self._forces))
                 self._forces.clear()
                 if units is not None:
-                    self._units = units
+                    self.units = units
                     return units, row + 1
-        if known and since < len(records):
-            self._units = MILLI._replace(scale="assumed of ArduPilot: mG, mrad/s, mgauss")
-            return self._units, since
+        if known and since < len(force):
+            self.units = MILLI._replace(scale="assumed of ArduPilot: mG, mrad/s, mgauss")
+            return self.units, since
         why = f"unknown: RAW_IMU has no unit, none is known for autopilot {autopilot}"
         tried = ", and at no time was the force steady at 1 g of a known scale" if self._tries else ""
         return Units(np.nan, np.nan, np.nan, why + tried), 0

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from gcs_bridge.columns import Int64s
+from gcs_bridge.jit import helper
+
+SET_BACK_US = 10_000_000
+NEVER_US = 2**62  # a deadline that does not come
 
 
 class LinkClock(NamedTuple):
@@ -20,13 +22,18 @@ class LinkClock(NamedTuple):
         return int(self.latest_rx_us[frame_index - int(self.frame_index[0])])
 
 
-def latest_rx(t_rx_us: Int64s, latest_us: int) -> Int64s:
-    """The receive time so far, µs: record times that run back a little don't turn it back, a clock set back does."""
-    latest = np.maximum(np.maximum.accumulate(t_rx_us), latest_us)
-    for restart in np.flatnonzero(latest - t_rx_us > SET_BACK_US):
-        if latest[restart] - t_rx_us[restart] > SET_BACK_US:
-            latest[restart:] = np.maximum.accumulate(t_rx_us[restart:])
-    return latest
+@helper
+def pass_time(latest_us, t_rx_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """The receive time so far: record times that run back a little don't turn it back, a clock set back does."""
+    return t_rx_us if latest_us - t_rx_us > SET_BACK_US else max(latest_us, t_rx_us)
 
 
-SET_BACK_US = 10_000_000
+@helper
+def first_beyond(latest_rx_us, since, until, limit_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """The first of the rows from `since` up to, and without, `until` whose time is beyond a limit; `until`: none is."""
+    if until <= since or latest_rx_us[until - 1] <= limit_us:
+        return until
+    row = since
+    while latest_rx_us[row] <= limit_us:
+        row += 1
+    return row

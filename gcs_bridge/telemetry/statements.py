@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.columns import Floats, Int64s
+from gcs_bridge.jit import helper
 
 
 class ParameterSet(NamedTuple):
@@ -81,13 +82,32 @@ class StepSignal:
         self._frame_indices, self._values = frame_indices[order], values[order]
 
     def at(self, frame_indices: Int64s) -> Floats:
-        """The values (n,) that held when the frames `frame_indices` (n,) came."""
+        """The values (n,) that held when the frames `frame_indices` (n,) came; one for all, where there is no other."""
+        if len(self._values) == 1:
+            return np.broadcast_to(self._values, len(frame_indices))
         return np.asarray(self._values[np.searchsorted(self._frame_indices, frame_indices, side="right") - 1])
+
+    @property
+    def steps(self) -> tuple[Int64s, Floats]:
+        """From which frames on (k,) which values (k,) hold: for `held_at`."""
+        return self._frame_indices, self._values
 
     def forget(self, frame_index: int) -> None:
         """Nothing will be asked about frames before this one."""
+        if len(self._values) == 1:
+            return
         passed = int(np.searchsorted(self._frame_indices, frame_index, side="right")) - 1
         self._frame_indices, self._values = self._frame_indices[passed:], self._values[passed:]
+
+
+@helper
+def held_at(steps, frame_index):  # type: ignore[no-untyped-def]  # typed by numba
+    """As `StepSignal.at`, in a kernel that is given its `steps`: the value that held when one frame came."""
+    frame_indices, values = steps
+    row = frame_indices.size - 1
+    while row > 0 and frame_indices[row] > frame_index:
+        row -= 1
+    return values[row]
 
 
 def parameters(records: npt.NDArray[np.void], frame_indices: Int64s, autopilot: str) -> Iterator[ParameterSet]:

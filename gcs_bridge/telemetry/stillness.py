@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gcs_bridge.columns import Int64s, Mask
+from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import GravitySettings
 from gcs_bridge.telemetry.batches import VelocityChange
 from gcs_bridge.telemetry.statements import LandedSet, ModeSet, Statement, StepSignal
@@ -45,9 +46,32 @@ class Stillness:
 
         Something must say so, or nothing be known at all. In a steady climb it rests by this, and does not stand.
         """
-        armed, landed = self._armed.at(frame_indices), self._landed.at(frame_indices)
-        acceleration = self._acceleration.at(frame_indices)
-        unknown = np.isnan(armed) & np.isnan(landed)
-        stands = (armed == 0) | (landed == 1)
-        rests = stands | (acceleration < self._settings.still_below_m_s2)
-        return rests | (unknown & np.isnan(acceleration)), stands | unknown
+        may_rest, stands = np.empty(len(frame_indices), np.bool_), np.empty(len(frame_indices), np.bool_)
+        told = (*self._armed.steps, *self._landed.steps, *self._acceleration.steps)
+        rest_at(frame_indices, *told, self._settings.still_below_m_s2, may_rest, stands)
+        return may_rest, stands
+
+
+@kernel
+def rest_at(
+    frame_index: Int64s, armed_from: Int64s, armed: Floats, landed_from: Int64s, landed: Floats,
+    acceleration_from: Int64s, acceleration_m_s2: Floats, still_below_m_s2: float, may_rest: Mask, stands: Mask,
+) -> None:  # fmt: skip
+    """Fill what holds at frames (n,), in their order, by what was told: each value (k,) from its frame (k,) on."""
+    a = b = c = 0
+    for i in range(frame_index.size):
+        a, b = _holds(armed_from, frame_index[i], a), _holds(landed_from, frame_index[i], b)
+        c = _holds(acceleration_from, frame_index[i], c)
+        unknown = np.isnan(armed[a]) and np.isnan(landed[b])
+        on_ground = armed[a] == 0.0 or landed[b] == 1.0
+        stands[i] = on_ground or unknown
+        steady = acceleration_m_s2[c] < still_below_m_s2
+        may_rest[i] = on_ground or steady or (unknown and np.isnan(acceleration_m_s2[c]))
+
+
+@helper
+def _holds(since, frame_index, at):  # type: ignore[no-untyped-def]  # typed by numba
+    """Which value holds when a frame comes: the one at place `at`, or a later one."""
+    while at + 1 < since.size and since[at + 1] <= frame_index:
+        at += 1
+    return at

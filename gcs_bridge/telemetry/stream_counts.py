@@ -5,73 +5,147 @@ What is in them is not looked at here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
-from gcs_bridge.columns import Int64s, RunningMax
+from gcs_bridge.columns import Int64s, Mask, Records
 from gcs_bridge.contract import Stream
+from gcs_bridge.jit import helper, kernel
 
 US_PER_S = 1e6
 _SILENCE_US = 2_000_000  # a longer interval is a silence, and no part of the rate
+_COUNT = np.dtype(
+    [
+        ("count", "i8"),
+        ("invalid", "i8"),
+        ("lost", "i8"),
+        ("follows_losses", "?"),
+        ("max_gap_us", "i8"),  # 0: no interval yet
+        ("intervals", "i8"),
+        ("spent_us", "i8"),
+        ("silences", "i8"),
+        ("silent_us", "i8"),
+        ("began", "?"),  # whether a sample came within the boot
+        ("latest_us", "i8"),  # of them
+        ("last_lost", "i8"),
+    ]
+)
 
 
-@dataclass(kw_only=True)
+# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
+
+
+@helper
+def _count(of, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """Count a sample by its time; return how far it lies behind all before it (below zero: it came late)."""
+    of.count += 1
+    step_us = t_us - of.latest_us if of.began else 0
+    if step_us > 0:
+        of.max_gap_us = max(of.max_gap_us, step_us)
+        if step_us <= _SILENCE_US:
+            of.intervals += 1
+            of.spent_us += step_us
+        else:
+            of.silences += 1
+            of.silent_us += step_us
+    of.latest_us = max(of.latest_us, t_us) if of.began else t_us
+    of.began = True
+    return step_us
+
+
+@helper
+def _count_losses(of, step_us, period_us, frames_lost):  # type: ignore[no-untyped-def]  # typed by numba
+    """Count missing samples: as many as the interval has room for, and no more than the sequence misses frames."""
+    if not of.follows_losses:
+        of.follows_losses, of.last_lost = True, frames_lost
+    missing = frames_lost - of.last_lost
+    of.last_lost = frames_lost
+    if missing > 0 and period_us > 0:
+        of.lost += min(max(np.int64(np.rint(step_us / period_us)) - 1, 0), missing)
+    elif missing < 0 and step_us <= 0:
+        of.lost -= 1  # came late, and had been counted before
+
+
+@kernel
+def _count_all(count: Annotated[Records, _COUNT], t_us: Int64s) -> None:
+    """Count samples by their times."""
+    for i in range(t_us.size):
+        _count(count[0], t_us[i])
+
+
+@kernel
+def _count_stream(
+    count: Annotated[Records, _COUNT],
+    stream: int,
+    message: Int64s,
+    t_us: Int64s,
+    frames_lost: Int64s,
+    period_us: Int64s,
+    valid: Mask,
+) -> None:
+    """Count the messages that are of `stream`, of which `valid` holds one after the other."""
+    of, n = count[0], 0
+    for i in range(message.size):
+        if message[i] == stream:
+            step_us = _count(of, t_us[i])
+            _count_losses(of, step_us, period_us[i], frames_lost[i])
+            of.invalid += not valid[n]
+            n += 1
+
+
 class StreamCount:
     """What came of one message; times in µs on whatever clock the message is followed by."""
 
-    count: int = 0
-    invalid: int = 0
-    lost: int | None = None
-    max_gap_us: int | None = None
-    _intervals: int = 0
-    _spent_us: int = 0
-    _silences: int = 0
-    _silent_us: int = 0
-    _latest_us: RunningMax = field(default_factory=RunningMax)
-    _last_lost: int = 0
+    def __init__(self) -> None:
+        """Start before the first."""
+        self._count = np.zeros(1, _COUNT)
 
     def start_boot(self) -> None:
         """Begin a new boot: no interval leads there from the one before."""
-        self._latest_us = RunningMax()
+        self._count["began"] = False
 
-    def add(self, t_us: Int64s) -> Int64s:
-        """Count samples by their times; return how far each lies behind all before it (below zero: it came late)."""
-        self.count += len(t_us)
-        steps = t_us - self._latest_us.feed(t_us)[:-1]
-        ahead = steps[steps > 0]
-        if len(ahead):
-            self.max_gap_us = max(int(ahead.max()), self.max_gap_us or 0)
-            regular = ahead[ahead <= _SILENCE_US]
-            self._intervals += len(regular)
-            self._spent_us += int(regular.sum())
-            self._silences += len(ahead) - len(regular)
-            self._silent_us += int(ahead.sum() - regular.sum())
-        return steps
+    def add(self, t_us: Int64s) -> None:
+        """Count samples by their times (n,)."""
+        _count_all(self._count, t_us)
 
-    def add_losses(self, steps: Int64s, period_us: Int64s, frames_lost: Int64s) -> None:
-        """Count missing samples: as many as the interval has room for, and no more than the sequence misses frames."""
-        if self.lost is None:
-            self.lost, self._last_lost = 0, int(frames_lost[0])
-        missing = np.diff(frames_lost, prepend=self._last_lost)
-        room = np.where(period_us > 0, np.rint(steps / np.maximum(period_us, 1)).astype(np.int64) - 1, 0)
-        self.lost += int(np.clip(room, 0, np.maximum(missing, 0)).sum())
-        self.lost -= int(((steps <= 0) & (missing < 0)).sum())  # came late, and had been counted before
-        self._last_lost = int(frames_lost[-1])
+    def add_stream(
+        self, stream: int, message: Int64s, t_us: Int64s, frames_lost: Int64s, period_us: Int64s, valid: Mask
+    ) -> None:
+        """Count those of timed messages (n,) that are of `stream`, and what is missing between them.
+
+        By their times, the vehicle's frames that were lost so far, and the period as known then (−1: not); `valid` (k,)
+        of the k that are of the stream.
+        """
+        _count_stream(self._count, stream, message, t_us, frames_lost, period_us, valid)
+
+    @property
+    def count(self) -> int:
+        """How many came."""
+        return int(self._count["count"][0])
+
+    @property
+    def invalid(self) -> int:
+        """How many of them hold no attitude."""
+        return int(self._count["invalid"][0])
 
     @property
     def rate_hz(self) -> float | None:
         """Over the time in which it came; of a stream that is slower than silences are long, over all."""
-        if self._intervals:
-            return self._intervals / self._spent_us * US_PER_S
-        return self._silences / self._silent_us * US_PER_S if self._silences else None
+        intervals, spent_us, silences, silent_us = (
+            int(self._count[name][0]) for name in ("intervals", "spent_us", "silences", "silent_us")
+        )
+        if intervals:
+            return intervals / spent_us * US_PER_S
+        return silences / silent_us * US_PER_S if silences else None
 
     def entry(self) -> Stream:
         """The stream's entry in the report."""
+        max_gap_us = int(self._count["max_gap_us"][0])
         return Stream(
             count=self.count,
             rate_hz=self.rate_hz,
-            max_gap_s=None if self.max_gap_us is None else self.max_gap_us / US_PER_S,
-            lost=self.lost,
+            max_gap_s=max_gap_us / US_PER_S if max_gap_us else None,
+            lost=int(self._count["lost"][0]) if self._count["follows_losses"][0] else None,
             invalid=self.invalid,
         )

@@ -7,21 +7,51 @@ the vehicle's boot clock while any of its timed messages comes, and on receive t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from gcs_bridge.columns import FrameColumns, Int64s, running_max
+from gcs_bridge.columns import FrameColumns, Int64Rows, Int64s, Records, record
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import StreamSettings
-from gcs_bridge.telemetry.link_clock import LinkClock
+from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock, first_beyond
 
 # No timed message at all for so long, although the vehicle may be heard: a rebooting autopilot speaks again before.
 LONG_SILENCE_US = 10_000_000
 OTHER = 2  # a timed message that is neither of the two attitude streams
+_WHATS = ("started", "stale", "resumed", "missing", "silent")
+_STARTED, _STALE, _RESUMED, _MISSING, _SILENT = range(5)
+_ROOM, _MOST = 16, 8  # changes that there is room for in one call; as many as one message can bring, at most
+_NO_TIME = -1
+
+_STREAM = np.dtype(
+    [
+        ("seen", "?"),
+        ("alive", "?"),
+        ("silence_told", "?"),
+        ("last_us", "i8"),  # the vehicle's time when it was last heard: a stream that comes late is not silent
+        ("period_us", "i8"),
+        ("rx_period_us", "i8"),
+    ]
+)
+_LIVENESS = np.dtype(
+    [
+        ("stream", _STREAM, (2,)),
+        ("first_us", "i8"),
+        ("latest_us", "i8"),
+        ("latest_rx_us", "i8"),
+        ("latest_frame_index", "i8"),
+        ("both_us", "i8"),  # closed stretches of time in which both were alive
+        ("both_since_us", "i8"),
+        ("missing_told", "?"),
+        # Of the settings.
+        ("shortest_us", "f8"),
+        ("stale_periods", "f8"),
+    ]
+)
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Timeline(FrameColumns):
     """A vehicle's timed messages within one boot, in order of arrival; n of them.
 
@@ -38,14 +68,6 @@ class Timeline(FrameColumns):
     lost: Int64s
     received: Int64s
 
-    def parts(self) -> Iterator[Timeline]:
-        """The same in short pieces, so that what happens in one does not slow down the others."""
-        for start in range(0, len(self.stream), _PART):
-            yield self[start : start + _PART]
-
-
-_PART = 256
-
 
 class StreamChange(NamedTuple):
     """A stream started, went stale or resumed: at `t_boot_us`, noticed with the frame `frame_index`."""
@@ -58,24 +80,164 @@ class StreamChange(NamedTuple):
     silent_us: int = 0  # of a stale one: since its last sample
 
 
-class _Stream:
-    def __init__(self) -> None:
-        self.seen = False
-        self.alive = False
-        self.last_us = 0  # the vehicle's time when it was last heard: a stream that comes late is not silent
-        self.period_us = -1
-        self.rx_period_us = -1
-        self.silence_told = False
-
-    def learn(self, period_us: int, rx_period_us: int) -> None:
-        """Take what is known of the stream's period now; −1 changes nothing."""
-        self.period_us = period_us if period_us >= 0 else self.period_us
-        self.rx_period_us = rx_period_us if rx_period_us >= 0 else self.rx_period_us
+# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
 
 
-def _last_known(values: Int64s) -> int:
-    known = values[values >= 0]
-    return int(known[-1]) if len(known) else -1
+@helper
+def _deadline_us(of, period_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """After how long a silence a stream of this period is stale."""
+    return np.int64(np.rint(max(of.shortest_us, of.stale_periods * period_us)))
+
+
+@helper
+def _long_us(of):  # type: ignore[no-untyped-def]  # typed by numba
+    """After how long a silence of all timed messages the stream is silent, whatever its own period."""
+    return max(LONG_SILENCE_US, np.int64(of.shortest_us))
+
+
+@helper
+def _rx_deadline_us(of, k):  # type: ignore[no-untyped-def]  # typed by numba
+    """The same on receive time."""
+    stream = of.stream[k]
+    return _deadline_us(of, stream.rx_period_us if stream.rx_period_us >= 0 else stream.period_us)
+
+
+@helper
+def _write(changes, n, frame_index, k, what, t_us, ago_us, silent_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """Put down a change, behind those of the same frame or before; return how many there are."""
+    at = n
+    while at > 0 and changes[at - 1, 0] > frame_index:
+        for column in range(6):
+            changes[at, column] = changes[at - 1, column]
+        at -= 1
+    changes[at, 0], changes[at, 1], changes[at, 2] = frame_index, k, what
+    changes[at, 3], changes[at, 4], changes[at, 5] = t_us, ago_us, silent_us
+    return n + 1
+
+
+@helper
+def _go_stale(of, k, at_us, frame_index, ago_us, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+    """Stream `k` is stale from `at_us` on; looking back, it was not alive from its last sample on."""
+    stream = of.stream[k]
+    stream.alive = False
+    if of.both_since_us != _NO_TIME:
+        of.both_us += max(stream.last_us - of.both_since_us, 0)
+        of.both_since_us = _NO_TIME
+    return _write(changes, n, frame_index, k, _STALE, at_us, ago_us, at_us - stream.last_us)
+
+
+@helper
+def _pass_silence(of, first, latest_rx_us, until, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+    """Streams whose deadline passes on receive time, while nothing of the vehicle came, are stale.
+
+    `latest_rx_us` of the link's frames from the index `first` on; looked at are those before row `until`.
+    """
+    if of.latest_rx_us < 0:
+        return n
+    since = max(of.latest_frame_index + 1 - first, 0)
+    for k in range(2):
+        stream = of.stream[k]
+        if stream.seen and not stream.silence_told:
+            row = first_beyond(latest_rx_us, since, until, of.latest_rx_us + _long_us(of))
+            if row < until:
+                stream.silence_told = True
+                n = _write(changes, n, first + row, k, _SILENT, of.latest_us, 0, LONG_SILENCE_US)
+        if stream.alive:
+            allowed_us = _rx_deadline_us(of, k)
+            row = first_beyond(latest_rx_us, since, until, of.latest_rx_us + allowed_us)
+            if row < until:
+                at_us = max(stream.last_us + _deadline_us(of, stream.period_us), of.latest_us)
+                ago_us = latest_rx_us[row] - of.latest_rx_us - allowed_us
+                n = _go_stale(of, k, at_us, first + row, ago_us, changes, n)
+    return n
+
+
+@helper
+def _pass_deadlines(of, frame_index, except_stream, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+    """Streams whose deadline has passed on the vehicle's clock are stale, or missing."""
+    for k in range(2):
+        stream = of.stream[k]
+        deadline_us = stream.last_us + _deadline_us(of, stream.period_us)
+        if stream.alive and of.latest_us > deadline_us:
+            n = _go_stale(of, k, deadline_us, frame_index, of.latest_us - deadline_us, changes, n)
+        if not stream.seen and k != except_stream and not of.missing_told:
+            deadline_us = of.first_us + _deadline_us(of, -1)
+            if of.latest_us > deadline_us:
+                of.missing_told = True
+                n = _write(changes, n, frame_index, k, _MISSING, deadline_us, of.latest_us - deadline_us, 0)
+    return n
+
+
+@helper
+def _hear(of, k, t_us, frame_index, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+    """A sample of stream `k` came."""
+    stream = of.stream[k]
+    stream.last_us = of.latest_us
+    if not stream.alive:
+        n = _write(changes, n, frame_index, k, _RESUMED if stream.seen else _STARTED, t_us, 0, 0)
+        stream.seen = stream.alive = True
+        stream.silence_told = False
+        if of.stream[1 - k].alive:
+            of.both_since_us = of.latest_us
+    return n
+
+
+@kernel
+def _take(
+    liveness: Annotated[Records, _LIVENESS],
+    stream: Int64s,
+    t_boot_us: Int64s,
+    t_rx_us: Int64s,
+    frame_index: Int64s,
+    period_us: Int64s,
+    rx_period_us: Int64s,
+    begin: int,
+    first: int,
+    latest_rx_us: Int64s,
+    changes: Int64Rows,
+) -> tuple[int, int]:
+    """Follow the messages from `begin` on, as long as there is room for changes.
+
+    `latest_rx_us` of the link's frames from the index `first` on. Return how far, and how many changes there are.
+    """
+    of, n = liveness[0], 0
+    for i in range(begin, stream.size):
+        if n > _ROOM - _MOST:
+            return i, n
+        k, at = stream[i], frame_index[i]
+        if of.first_us == _NO_TIME:
+            of.first_us = of.latest_us = t_boot_us[i]
+        n = _pass_silence(of, first, latest_rx_us, at - first + 1, changes, n)
+        of.latest_us = max(of.latest_us, t_boot_us[i])
+        of.latest_rx_us, of.latest_frame_index = t_rx_us[i], at
+        n = _pass_deadlines(of, at, k, changes, n)
+        if k != OTHER:
+            n = _hear(of, k, t_boot_us[i], at, changes, n)
+            of.stream[k].period_us = period_us[i] if period_us[i] >= 0 else of.stream[k].period_us
+            of.stream[k].rx_period_us = rx_period_us[i] if rx_period_us[i] >= 0 else of.stream[k].rx_period_us
+    return stream.size, n
+
+
+@kernel
+def _wait(
+    liveness: Annotated[Records, _LIVENESS], first: int, latest_rx_us: Int64s, until: int, changes: Int64Rows
+) -> int:
+    """Let time pass up to row `until` of the link's frames; return how many changes that brings."""
+    return _pass_silence(liveness[0], first, latest_rx_us, until, changes, 0)  # type: ignore[no-any-return]  # numba types it
+
+
+@kernel
+def _due(liveness: Annotated[Records, _LIVENESS]) -> int:
+    """The receive time from which on time alone may bring a change."""
+    of, due_us = liveness[0], NEVER_US
+    if of.latest_rx_us >= 0:
+        for k in range(2):
+            stream = of.stream[k]
+            if stream.seen and not stream.silence_told:
+                due_us = min(due_us, of.latest_rx_us + _long_us(of))
+            if stream.alive:
+                due_us = min(due_us, of.latest_rx_us + _rx_deadline_us(of, k))
+    return due_us
 
 
 class Liveness:
@@ -83,134 +245,59 @@ class Liveness:
 
     def __init__(self, settings: StreamSettings) -> None:
         """Start before the first message."""
-        self.streams = (_Stream(), _Stream())
-        self._settings = settings
-        self._shortest_us = settings.stale_after_s * 1e6
-        self._first_us: int | None = None
-        self._latest_us = 0
-        self._latest_rx_us = -1
-        self._latest_frame_index = -1
-        self._both_us = 0  # closed stretches of time in which both were alive
-        self._both_since_us: int | None = None
-        self._missing_told = False
+        self._state = np.zeros(1, _LIVENESS)
+        for name in ("first_us", "latest_rx_us", "latest_frame_index", "both_since_us"):
+            self._state[name] = _NO_TIME
+        self._state["stream"]["period_us"] = self._state["stream"]["rx_period_us"] = -1
+        self._state["shortest_us"] = settings.stale_after_s * 1e6
+        self._state["stale_periods"] = settings.stale_periods
 
     @property
     def both_alive(self) -> bool:
         """Whether both streams are alive now."""
-        return self.streams[0].alive and self.streams[1].alive
+        return bool(self._state["stream"]["alive"].all())
 
     @property
     def both_alive_us(self) -> int:
         """Time so far in which both streams were alive."""
-        open_us = 0 if self._both_since_us is None else max(self._latest_us - self._both_since_us, 0)
-        return self._both_us + open_us
+        both_us, since_us, latest_us = (int(self._state[name][0]) for name in ("both_us", "both_since_us", "latest_us"))
+        return both_us if since_us == _NO_TIME else both_us + max(latest_us - since_us, 0)
+
+    @property
+    def due_us(self) -> int:
+        """The receive time of the link from which on time alone may bring a change."""
+        return int(_due(self._state))
 
     def take(self, line: Timeline, link: LinkClock) -> Iterator[StreamChange]:
         """Follow the next messages, and the clock of the link that brought them; yield what starts, ends or resumes."""
-        for part in (line,) if self._nothing_new(line) else line.parts():
-            if self._nothing_new(part):
-                self._take_at_once(part)
-            else:
-                yield from self._take_one_by_one(part, link)
-
-    def _take_at_once(self, line: Timeline) -> None:
-        if not len(line.stream):
-            return
-        latest_us = running_max(line.t_boot_us, self._latest_us)[1:]
-        for k, stream in enumerate(self.streams):
-            mine = np.flatnonzero(line.stream == k)
-            if len(mine):
-                stream.last_us = int(latest_us[mine[-1]])
-                stream.learn(_last_known(line.period_us[mine]), _last_known(line.rx_period_us[mine]))
-        self._latest_us = int(latest_us[-1])
-        self._latest_rx_us, self._latest_frame_index = int(line.t_rx_us[-1]), int(line.frame_index[-1])
-
-    def _take_one_by_one(self, line: Timeline, link: LinkClock) -> Iterator[StreamChange]:
-        columns = (line.stream, line.t_boot_us, line.t_rx_us, line.frame_index, line.period_us, line.rx_period_us)
-        for k, t_us, t_rx_us, frame_index, period_us, rx_period_us in zip(*(c.tolist() for c in columns), strict=True):
-            if self._first_us is None:
-                self._first_us = self._latest_us = t_us
-            yield from self.pass_silence(link, frame_index)
-            self._latest_us = max(self._latest_us, t_us)
-            self._latest_rx_us, self._latest_frame_index = t_rx_us, frame_index
-            yield from self._pass_deadlines(frame_index, except_stream=k)
-            if k != OTHER:
-                yield from self._hear(k, t_us, frame_index)
-                self.streams[k].learn(period_us, rx_period_us)
+        done, changes = 0, np.empty((_ROOM, 6), np.int64)
+        while done < len(line.stream):
+            done, n = _take(
+                self._state,
+                line.stream,
+                line.t_boot_us,
+                line.t_rx_us,
+                line.frame_index,
+                line.period_us,
+                line.rx_period_us,
+                done,
+                int(link.frame_index[0]),
+                link.latest_rx_us,
+                changes,
+            )
+            if n:
+                yield from _as_changes(changes[:n])
 
     def pass_silence(self, link: LinkClock, until_frame_index: int | None = None) -> Iterator[StreamChange]:
         """Streams whose deadline passes on receive time, while nothing of the vehicle came, are stale."""
-        if self._latest_rx_us < 0 or not len(link.frame_index):
-            return
-        first = int(link.frame_index[0])
-        since = max(self._latest_frame_index + 1 - first, 0)
-        until = len(link.frame_index) if until_frame_index is None else until_frame_index + 1 - first
-        silence_us = link.latest_rx_us[since:until] - self._latest_rx_us
-        if not len(silence_us) or silence_us[-1] <= self._shortest_us:
-            return
-        found: list[StreamChange] = []
-        for k, stream in enumerate(self.streams):
-            long = np.flatnonzero(silence_us > LONG_SILENCE_US)
-            if stream.seen and len(long) and not stream.silence_told:
-                stream.silence_told = True
-                at = int(link.frame_index[since + long[0]])
-                found.append(StreamChange(at, k, "silent", self._latest_us, 0, LONG_SILENCE_US))
-            allowed_us = self._deadline_us(stream.rx_period_us if stream.rx_period_us >= 0 else stream.period_us)
-            passed = np.flatnonzero(silence_us > allowed_us)
-            if stream.alive and len(passed):
-                at_us = max(stream.last_us + self._deadline_us(stream.period_us), self._latest_us)
-                ago_us = int(silence_us[passed[0]]) - allowed_us
-                found += self._stale(k, at_us, int(link.frame_index[since + passed[0]]), ago_us)
-        yield from sorted(found, key=lambda turn: turn.frame_index)
+        first, until = int(link.frame_index[0]), len(link.frame_index)
+        if until_frame_index is not None:
+            until = until_frame_index + 1 - first
+        changes = np.empty((_MOST, 6), np.int64)
+        if n := _wait(self._state, first, link.latest_rx_us, until, changes):
+            yield from _as_changes(changes[:n])
 
-    def _nothing_new(self, line: Timeline) -> bool:
-        """Whether no stream can start, resume or go stale with these messages: the common case, told at once."""
-        if not len(line.stream):
-            return True
-        if self._first_us is None or not (self._missing_told or all(stream.seen for stream in self.streams)):
-            return False
-        if np.diff(line.t_rx_us, prepend=max(self._latest_rx_us, 0)).max() > self._shortest_us:
-            return False
-        latest_us = running_max(line.t_boot_us, self._latest_us)[1:]
-        for k, stream in enumerate(self.streams):
-            heard_us = latest_us[line.stream == k]
-            if not stream.alive:
-                if len(heard_us):
-                    return False
-            elif np.diff(np.concatenate(([stream.last_us], heard_us, latest_us[-1:]))).max() > self._shortest_us:
-                return False
-        return True
 
-    def _deadline_us(self, period_us: int) -> int:
-        return round(max(self._shortest_us, self._settings.stale_periods * period_us))
-
-    def _pass_deadlines(self, frame_index: int, except_stream: int) -> Iterator[StreamChange]:
-        for k, stream in enumerate(self.streams):
-            deadline = stream.last_us + self._deadline_us(stream.period_us)
-            if stream.alive and self._latest_us > deadline:
-                yield from self._stale(k, deadline, frame_index, self._latest_us - deadline)
-            if not stream.seen and k != except_stream and not self._missing_told:
-                deadline = (self._first_us or 0) + self._deadline_us(-1)
-                if self._latest_us > deadline:
-                    self._missing_told = True
-                    yield StreamChange(frame_index, k, "missing", deadline, self._latest_us - deadline)
-
-    def _hear(self, k: int, t_us: int, frame_index: int) -> Iterator[StreamChange]:
-        stream = self.streams[k]
-        if not stream.alive:
-            turn = StreamChange(frame_index, k, "resumed" if stream.seen else "started", t_us)
-            stream.seen = stream.alive = True
-            stream.silence_told = False
-            stream.last_us = self._latest_us
-            if self.both_alive:
-                self._both_since_us = self._latest_us
-            yield turn
-        stream.last_us = self._latest_us
-
-    def _stale(self, k: int, at_us: int, frame_index: int, ago_us: int) -> Iterator[StreamChange]:
-        """Stream `k` is stale from `at_us` on; looking back, it was not alive from its last sample on."""
-        self.streams[k].alive = False
-        if self._both_since_us is not None:
-            self._both_us += max(self.streams[k].last_us - self._both_since_us, 0)
-            self._both_since_us = None
-        yield StreamChange(frame_index, k, "stale", at_us, ago_us, at_us - self.streams[k].last_us)
+def _as_changes(changes: Int64s) -> Iterator[StreamChange]:
+    for frame_index, stream, what, t_boot_us, ago_us, silent_us in changes.tolist():
+        yield StreamChange(frame_index, stream, _WHATS[what], t_boot_us, ago_us, silent_us)

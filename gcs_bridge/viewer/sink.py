@@ -13,7 +13,7 @@ import numpy as np
 import rerun as rr
 
 from gcs_bridge import attitude
-from gcs_bridge.checks.euler_quaternion import EulerQuaternion
+from gcs_bridge.checks.euler_quaternion import Disagreement, EulerQuaternion
 from gcs_bridge.events import (
     AlarmCleared,
     AlarmRaised,
@@ -40,7 +40,8 @@ from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, boot_timeline, pa
 __all__ = ["RerunSink", "new_recording"]
 
 
-_TICK_S = 0.02  # so long rerun gathers a live link's events; samples come in batches already, and go at once
+_TICK_S = 0.02  # so long rerun gathers a live link's events; samples are gathered already, and go at once
+_HOLD_US = 45_000  # what is drawn of a live link grows some 20 times a second: each time costs as much as 100 rows
 
 _LEAST_OFFSET = 0.5  # the norm from which a `repr_offset_q` is one
 _AS_IT_IS = np.array([1.0, 0.0, 0.0, 0.0])
@@ -86,6 +87,14 @@ class _Vehicle:
         return "not compared" if self.silent else "compared"
 
 
+class _Held:
+    """What was observed of a vehicle in one boot, and not drawn yet; the boot time at which it was drawn last, µs."""
+
+    def __init__(self) -> None:
+        self.observations: list[Observation] = []
+        self.drawn_us = -_HOLD_US
+
+
 class RerunSink(ViewerSink):
     """Draws one link session, or one file, into a rerun recording."""
 
@@ -100,6 +109,7 @@ class RerunSink(ViewerSink):
         self._live = live
         self._gather = gather
         self._holds = live and gather == 1  # plots, not attitudes
+        self._held: dict[VehicleId, _Held] = {}
         self._waiting: dict[tuple[int | str, ...], list[Rows]] = {}
         self._window = window
         self._vehicles: dict[VehicleId, _Vehicle] = {}
@@ -109,28 +119,49 @@ class RerunSink(ViewerSink):
         self._alarm: Instant | None = None
         self._draw(scene.world_parts())
 
-    @property
-    def watched(self) -> bool:
-        """Somebody looks at what is drawn."""
-        return True
-
     def observe(self, observation: Observation) -> None:
-        """Draw samples and their comparison."""
-        segment, key = observation.segment, observation.vehicle
-        if len(segment.euler) or len(segment.quaternion):
+        """Draw samples and their comparison: of a live link some twenty times a second, else at once."""
+        segment = observation.segment
+        held = self._held.setdefault(observation.vehicle, _Held())
+        if held.observations and held.observations[0].segment.boot != segment.boot:
+            self._draw_held(held)
+        held.observations.append(observation)
+        now_us = int(segment.t_boot_us[-1]) if len(segment.t_boot_us) else held.drawn_us
+        if not self._live or abs(now_us - held.drawn_us) >= _HOLD_US:
+            held.drawn_us = now_us
+            self._draw_held(held)
+
+    def _draw_observed(self) -> None:
+        for held in self._held.values():
+            self._draw_held(held)
+
+    def _draw_held(self, held: _Held) -> None:
+        """Draw what was observed of a vehicle in one boot."""
+        observations, held.observations = held.observations, []
+        if not observations:
+            return
+        key = observations[0].vehicle
+        segments = [one.segment for one in observations]
+        sources = {
+            "euler": [segment.euler for segment in segments if len(segment.euler)],
+            "quaternion": [segment.quaternion for segment in segments if len(segment.quaternion)],
+        }
+        if any(sources.values()):
             vehicle = self._vehicle(key)
-            for source, samples in (("euler", segment.euler), ("quaternion", segment.quaternion)):
-                self._draw_attitude(key, source, samples[samples.valid])
-            if len(observation.pairs):
-                self._draw_disagreement(key, vehicle, observation)
-            self._draw_turned(key, vehicle, segment.quaternion)
+            for source, parts in sources.items():
+                if parts:
+                    samples = AttitudeSamples.joined(parts)
+                    self._draw_attitude(key, source, samples.where(samples.valid))
+                    self._draw_turned(key, vehicle, samples)
+            self._draw_disagreement(key, vehicle, [one for one in observations if len(one.pairs)])
         if key in self._vehicles:
-            for more in self._vehicles[key].apart.feed(observation):
-                if isinstance(more, Rows):
-                    self._draw_rows(more)
-                else:
-                    self._show([more])
-            self._draw_motion(key, self._vehicles[key], observation)
+            for one in observations:
+                for more in self._vehicles[key].apart.feed(one):
+                    if isinstance(more, Rows):
+                        self._draw_rows(more)
+                    else:
+                        self._show([more])
+                self._draw_motion(key, self._vehicles[key], one)
 
     def events(self, events: Sequence[Event]) -> None:
         """Write events into the log, and what they mean for the comparison into its lane."""
@@ -138,8 +169,9 @@ class RerunSink(ViewerSink):
             self._draw_event(event)
 
     def _draw_event(self, event: Event) -> None:
+        self._draw_observed()  # it leads up to the event
         if self._holds:
-            self.flush()  # the plots lead up to it, and none waits for more when a stream falls silent
+            self.flush()  # no plot waits for more when a stream falls silent
         moment = instant_of(event)
         if moment.t_boot_us is None and moment.t_rx_us < 0:
             moment = moment._replace(t_rx_us=self._latest_rx_us)
@@ -194,8 +226,13 @@ class RerunSink(ViewerSink):
         self.flush()
         self._lay_out(t_boot_us, at_end=True)
 
+    def close(self) -> None:
+        """Draw what waits for more: none will come."""
+        self.flush()
+
     def flush(self) -> None:
         """Draw what waits for more."""
+        self._draw_observed()
         for vehicle in self._vehicles.values():
             if vehicle.motion is not None:
                 self._draw_each(vehicle.motion.flush())
@@ -227,11 +264,14 @@ class RerunSink(ViewerSink):
         self._draw_rows(Rows(times, {path_of(key, "body", source): xyzw}))
         self._draw_rows(Rows(times, numbers={path_of(key, name, source): values for name, values in angles.items()}))
 
-    def _draw_disagreement(self, key: VehicleId, vehicle: _Vehicle, observation: Observation) -> None:
-        segment, found, times = observation.segment, observation.disagreement, pair_times(observation)
+    def _draw_disagreement(self, key: VehicleId, vehicle: _Vehicle, observations: Sequence[Observation]) -> None:
+        if not observations:
+            return
+        found = Disagreement.joined([one.disagreement for one in observations])
+        times = Times.joined([pair_times(one) for one in observations])
         judged = np.flatnonzero(found.judged)
-        if len(judged) and segment.boot not in vehicle.compared:
-            vehicle.compared.add(segment.boot)
+        if len(judged) and times.boot not in vehicle.compared:
+            vehicle.compared.add(times.boot)
             self._set_time(times.moment(int(judged[0])))
             self._state(key, "compared")
         # What could not be judged is left open, not drawn as a value.
@@ -243,7 +283,8 @@ class RerunSink(ViewerSink):
     def _draw_turned(self, key: VehicleId, vehicle: _Vehicle, samples: AttitudeSamples) -> None:
         """Turn the drawn airframes, and nothing else, where the vehicle asks displays to: PX4's tailsitters do."""
         offsets = samples.repr_offset_q
-        assert offsets is not None
+        if offsets is None:  # angles bring none
+            return
         if vehicle.turned is _AS_IT_IS and not offsets.any():  # so with nearly all
             return
         size = np.linalg.norm(offsets, axis=1)

@@ -5,7 +5,6 @@ Without delays and votes: each step is one frame, a second behind the last, that
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -14,7 +13,7 @@ import pytest
 from gcs_bridge.alarms.manager import AlarmManager, AlarmTransition, SignalAt
 from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.slot import AlarmSlot
-from gcs_bridge.alarms.spec import AlarmSpec, RatedSamples
+from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import ANNOUNCEMENTS, Announcement, AnnouncementSignal, Signal
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Notice
@@ -55,9 +54,11 @@ class Desk:
         at = np.array([self.second])
         link = LinkClock(at, wire.START_US + 1_000_000 * at)
         values = ((WARNING, warning), (ALARM, alarm), (OTHER, other))
-        ratings = [RatedSamples(spec, one(value, self.second)) for spec, value in values]
         marks = [SignalAt(frame_index=self.second, check="level", signal=signal) for signal in signals]
-        told = short(self.manager.feed(ratings, marks, link, self._ask))
+        self.manager.begin(marks, link)
+        for spec, value in values:
+            self.manager.ballot.rate(spec, one(value, self.second))
+        told = short(self.manager.tell(link, self._ask))
         self.second += 1
         return told
 
@@ -274,10 +275,8 @@ def test_a_comparator_that_cannot_run_raises_nothing() -> None:
 def test_samples_for_an_unknown_alarm_are_an_error(stranger: AlarmSpec) -> None:
     """A spec that the manager was not given would never raise anything: it says so at once, and tells nothing."""
     desk = Desk()
-    link = LinkClock(np.array([0]), np.array([wire.START_US]))
-    ratings: Any = [RatedSamples(ALARM, one(BAD, 0)), RatedSamples(stranger, one(BAD, 0))]
     with pytest.raises(LookupError, match=f"level: its alarm '{stranger.name}' is not among its alarm_specs"):
-        next(iter(desk.manager.feed(ratings, (), link)))
+        desk.manager.ballot.rate(stranger, one(BAD, 0))
     assert desk.manager.alarms == []
 
 

@@ -17,13 +17,13 @@ from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.state import (
     ANNOUNCEMENTS,
     TRANSITIONS,
-    Alarm,
     Announcement,
     AnnouncementSignal,
     Signal,
     State,
 )
 from gcs_bridge.settings import AlarmSettings
+from tests.helpers.alarms import Alarm
 
 LIMIT = 1.0
 RULES = AlarmSettings()
@@ -56,8 +56,8 @@ def told(
     alarm = Alarm(rules, RECURRING_S)
     changes: Statement = []
     for lo, hi in pairwise([0, *cuts, len(story)]):
-        for change in alarm.feed(rated(story[lo:hi])):
-            assert story[lo + change.place][0] * 1000 <= change.t_boot_us  # later where that sample itself was late
+        for _, frame_index, change in alarm.feed(rated(story[lo:hi])):
+            assert story[lo + frame_index][0] * 1000 <= change.t_boot_us  # later where that sample itself was late
             assert change.worst.detail.tolist() == [change.worst.value * n for n in range(1, 6)]
             changes.append((change.t_boot_us // 1000, change.before.value, change.state.value, change.worst.value))
     return changes, alarm
@@ -105,7 +105,7 @@ def test_the_table_is_whole() -> None:
 def test_each_state_and_signal(state: State, signal: Signal) -> None:
     """What a signal does in a state is what the specification says, and nothing else."""
     alarm = Alarm(AlarmSettings())
-    alarm.state = state
+    alarm.start_in(state)
     before, after = alarm.signal(signal)
     assert before is state
     assert after is alarm.state
@@ -226,26 +226,32 @@ class Walked(Alarm):
 
     def __init__(self) -> None:
         super().__init__(AlarmSettings())
-        self.rows: list[tuple[State, Signal]] = []
+        self.rows: list[tuple[State, Signal | None]] = []
         self.states: list[str] = []
 
-    def signal(self, signal: Signal) -> tuple[State, State]:
-        before, after = super().signal(signal)
+    def hear(self, signal: Signal) -> None:
+        before, after = self.signal(signal)
         if after is not before:
-            self.rows.append((before, signal))
-            self.states.append(after.value)
-        return before, after
+            self._note(before, signal, after)
+
+    def live(self, first_ms: int, end_ms: int, value: float) -> None:
+        for one in self.feed(rated(run(first_ms, end_ms - 100, value))):
+            self._note(one.change.before, one.change.by, one.change.state)
+
+    def _note(self, before: State, by: Signal | None, after: State) -> None:
+        self.rows.append((before, by))
+        self.states.append(after.value)
 
 
 def walked(name: str) -> Walked:
     alarm, now_ms = Walked(), 0
     for step in STORIES[name][0]:
         if isinstance(step, Signal):
-            alarm.signal(step)
+            alarm.hear(step)
             continue
         value, seconds = step
         end_ms = now_ms + round(seconds * 1000)
-        list(alarm.feed(rated(run(now_ms, end_ms - 100, value))))
+        alarm.live(now_ms, end_ms, value)
         now_ms = end_ms
     return alarm
 
@@ -313,7 +319,7 @@ def test_the_third_short_excursion_raises() -> None:
     assert moments(short[0] + short[1]) == taken_back
     story = [sample for one in short for sample in one]
     assert moments(story) == [*taken_back, (4200, "pending"), (4500, "raised"), (4900, "clearing")]
-    onsets_us = [change.onset_us for change in Alarm(AlarmSettings(), RECURRING_S).feed(rated(story))]
+    onsets_us = [one.change.onset_us for one in Alarm(AlarmSettings(), RECURRING_S).feed(rated(story))]
     assert onsets_us[4:] == [4_000_000, 0, 0]  # once raised, it began with the first of them
 
 

@@ -5,12 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gcs_bridge.checks.base import Usable, along, between_attitudes, rated
-from gcs_bridge.checks.windows import SlidingSums
+from gcs_bridge.checks.windows import SlidingSums, new_turning, slide_in, told_by_rates
 from gcs_bridge.pairing.neighbours import in_order
 from gcs_bridge.settings import AlarmSettings
 from tests.helpers.wire import wxyz
@@ -22,14 +22,15 @@ def sums(
     times_s: Sequence[float], values: Sequence[float], window_s: float = 1.0, cuts: Sequence[int] = ()
 ) -> list[list[float]]:
     """Per sample the sum, the count, and since when, s."""
-    sliding = SlidingSums(window_s, 1)
-    t_us = np.round(np.array(times_s) * 1e6).astype(np.int64)
-    rows = np.array(values, np.float64)[:, None]
-    edges = sorted({0, len(t_us), *(cut for cut in cuts if cut < len(t_us))})
+    sliding = SlidingSums(window_s, 2)
+    edges = sorted({0, len(times_s), *(cut for cut in cuts if cut < len(times_s))})
     out: list[list[float]] = []
     for begin, end in pairwise(edges):
-        total, count, since = sliding.feed(t_us[begin:end], rows[begin:end])
-        out += [list(one) for one in zip(total[:, 0].tolist(), count.tolist(), (since / 1e6).tolist(), strict=True)]
+        room = sliding.room(end - begin)
+        for t_s, value in zip(times_s[begin:end], values[begin:end], strict=True):
+            count, since_us = slide_in(room, round(t_s * 1e6), (1.0 * value, -2.0 * value))
+            assert room.sums[1] == -2.0 * room.sums[0]
+            out.append([float(room.sums[0]), count, since_us / 1e6])
     return out
 
 
@@ -49,16 +50,17 @@ def test_a_long_gap_leaves_the_sample_alone() -> None:
     assert sums([0, 5], [1, 2]) == [[1, 1, 0], [2, 1, 5]]
 
 
-def test_an_empty_batch_of_sums() -> None:
-    """No sample gives no sum and changes nothing."""
-    sliding = SlidingSums(1.0, 2)
-    nothing = np.empty(0, np.int64), np.empty((0, 2))
-    assert all(len(part) == 0 for part in sliding.feed(*nothing))
-    assert sliding.feed(np.array([5]), np.array([[1.0, 2.0]]))[0].tolist() == [[1.0, 2.0]]
-    assert all(len(part) == 0 for part in sliding.feed(*nothing))
-    assert sliding.feed(np.array([6]), np.array([[10.0, 20.0]]))[0].tolist() == [[11.0, 22.0]]
+def test_room_is_made_for_what_the_window_holds() -> None:
+    """However long a flight is, there is no more than some times what the last second holds, or one batch brings."""
+    sliding = SlidingSums(1.0, 1)
+    for t_ms in range(0, 100_000, 10):
+        room = sliding.room(1)
+        assert slide_in(room, 1000 * t_ms, (1.0,))[0] == min(t_ms // 10 + 1, 100) == room.sums[0]
+    assert len(room.t_us) <= 400
+    assert len(sliding.room(5000).t_us) <= 5400
 
 
+@settings(deadline=None)  # the first one compiles
 @given(
     samples=st.lists(st.tuples(st.integers(1, 900), st.floats(-1e3, 1e3)), min_size=1, max_size=60),
     cuts=st.lists(st.integers(1, 59), max_size=8),
@@ -74,6 +76,34 @@ def test_sums_are_cut_anywhere(samples: list[tuple[int, float]], cuts: list[int]
         inside = [j for j in range(i + 1) if t_us[j] > t_us[i] - 1_000_000]
         assert total == pytest.approx(sum(values[j] for j in inside), abs=1e-6)
         assert (count, since_s) == (len(inside), t_us[inside[0]] / 1e6)
+
+
+# --- turning ---------------------------------------------------------------------------------------------------------
+
+
+def told(speeds_deg_s: Sequence[float], gap_s: float) -> list[bool]:
+    """Whether each gap between samples with these rates is told by them."""
+    turning = new_turning()
+    return [told_by_rates(turning, np.radians(a), np.radians(b), gap_s) for a, b in pairwise(speeds_deg_s)]
+
+
+def test_a_gap_that_may_turn_far_is_not_told_by_rates() -> None:
+    """At 5 Hz 20° a gap is 100 °/s, at either end of it; at 10 Hz and above 45° may be, which is 450 °/s."""
+    assert told([0, 99, 101, 101], 0.2) == [True, False, False]
+    assert told([0, 449, 451], 0.1) == [True, False]
+    assert told([0, 101, 0], 0.2) == [False, False]
+
+
+def test_a_fast_turn_is_remembered_for_four_gaps() -> None:
+    """It ends with the second gap: the four behind that one may still hide one, the fifth does not."""
+    assert told([0, 300, 0, 0, 0, 0, 0, 0], 0.2) == [False] * 6 + [True]
+
+
+def test_unknown_rates_tell_nothing() -> None:
+    """One end that is known is enough; with none of both known nothing is told, for four more gaps."""
+    nan = np.nan
+    assert told([1, nan, 1], 0.2) == [True, True]
+    assert told([1, nan, nan, 1, 1, 1, 1, 1], 0.2) == [True] + [False] * 5 + [True]
 
 
 # --- order -----------------------------------------------------------------------------------------------------------

@@ -137,17 +137,21 @@ class Live:
     def __init__(self, *links: Link, **monitor_options: Any) -> None:
         self.events: list[Event] = []
         self.monitor = Monitor(**monitor_options)
-        self._watched = "observer" in monitor_options
         self._links = links
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def _run(self) -> None:
-        listen(self._links, self.monitor, self._tell, stop=self._stop.is_set, watched=self._watched)
+        listen(self._links, self.monitor, self._tell, stop=self._stop.is_set)
 
     def _tell(self, told: Sequence[events.Event]) -> None:
         names = [link.name for link in self._links]
         self.events += [json.loads(event_json(event, link_name(event, names))) for event in told]
+
+    @property
+    def thread_id(self) -> int | None:
+        """As the system calls the thread."""
+        return self._thread.native_id
 
     def __enter__(self) -> "Live":
         self._thread.start()

@@ -97,8 +97,8 @@ def verify(path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def eventually(what: Callable[[], Any], seconds: float = 20.0) -> Any:
-    """The first true answer; what fails until then is tried again."""
+def eventually(what: Callable[[], Any], seconds: float = 60.0) -> Any:
+    """The first true answer; what fails until then is tried again. So long as a busy machine may need."""
     ends_s = time.monotonic() + seconds
     last: BaseException | None = None
     while time.monotonic() < ends_s:

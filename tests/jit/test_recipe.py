@@ -55,8 +55,8 @@ def digest_of(source: str, **more: Any) -> str:
     module: dict[str, Any] = {}
     exec(source, module)
     plain = (module["deep"], module["helper"], module["scaled"], module["kernel"])
-    stand_ins: dict[FunctionType, FunctionType] = {one: one for one in plain}
-    stand_ins[module["where"]] = module["scalar_where"]
+    stand_ins = {one: recipe.StandIn(one) for one in plain}
+    stand_ins[module["where"]] = recipe.StandIn(module["scalar_where"], is_inlined=more.get("inlined", False))
     given = {"types": (Scalar(int),), "processor": "this one", **more}
     return recipe.recipe_of(cast(FunctionType, module["kernel"]), given["types"], stand_ins, given["processor"])
 
@@ -99,6 +99,7 @@ def test_what_python_alone_calls_is_not_in_it() -> None:
     [
         lambda patch: {"types": (Scalar(float),)},
         lambda patch: {"types": (ArrayOf(np.dtype("f8"), 1),)},
+        lambda patch: {"inlined": True},
         lambda patch: {"processor": "another one"},
         lambda patch: patch.setattr(np, "__version__", "9.0") or {},
         lambda patch: patch.setattr(sys, "version", "4.0") or {},

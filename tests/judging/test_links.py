@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from gcs_bridge import Monitor
-from gcs_bridge.judging import monitor as inside
+from gcs_bridge.judging.monitor import Monitor as JudgingMonitor
 from gcs_bridge.judging.observation import Observation
+from gcs_bridge.mavlink.scanner import RawFrame
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from tests.helpers import wire
@@ -115,16 +116,13 @@ def test_a_link_that_was_closed_is_open_again_with_its_next_bytes() -> None:
         monitor.open_link(2)
 
 
-@pytest.mark.slow
-def test_datagrams_judged_together_leave_the_scanner_its_own_frames() -> None:
-    """Where the payloads lie in all of them is the link's affair: the scanner's frames go on meaning its own buffer."""
-    monitor = inside.Monitor()
-    sent = [frame for _, frame in HEALTHY[:3]]
-    monitor.feed_datagrams([(frame, wire.START_US) for frame in sent])
-    scanner = monitor._links[0]._scanner
-    (frame,) = scanner.all_frames
-    assert scanner.raw_frames()[0].data == sent[-1]
-    assert (frame["payload"], frame["length"]) == (10, sent[-1][1])  # behind MAVLink 2's header of ten bytes
+def test_frames_of_datagrams_judged_together_are_handed_on_before_with_their_own_times() -> None:
+    """All of them at once, byte for byte, each with the receive time of its datagram."""
+    seen: list[RawFrame] = []
+    monitor = JudgingMonitor(on_frames=lambda _, frames: seen.extend(frames))
+    sent = [(frame, wire.START_US + i) for i, (_, frame) in enumerate(HEALTHY[:3])]
+    monitor.feed_datagrams(sent)
+    assert [(frame.data, frame.t_rx_us) for frame in seen] == sent
 
 
 def test_observers_see_vehicles_alone_and_all_of_them() -> None:

@@ -67,13 +67,13 @@ def test_datagrams_keep_their_borders_and_times() -> None:
     with udp() as (link, sender):
         assert link.framing is Framing.DATAGRAM
         time.sleep(0.1)  # Linux begins to stamp a moment after it was asked to
-        assert link.drain() == []
+        assert list(link.drain()) == []
         sent_us = []
         for data in (b"one", b"", b"three" * 300):
             sent_us.append(time.time_ns() // 1000)
             sender.send(data)
             time.sleep(0.03)
-        pieces = link.drain()
+        pieces = list(link.drain())
         assert [piece.data for piece in pieces] == [b"one", b"", b"three" * 300]
         if sys.platform == "linux":  # where the kernel tells
             assert all(0 <= piece.t_rx_us - us < 20_000 for piece, us in zip(pieces, sent_us, strict=True))
@@ -83,11 +83,13 @@ def test_datagrams_keep_their_borders_and_times() -> None:
 def test_what_the_system_drops_is_counted() -> None:
     """A buffer that is not fetched in time overflows: the link knows by how many, once the next one comes."""
     with udp() as (link, sender):
+        with socket.socket(fileno=os.dup(link.fileno() or -1)) as same:
+            same.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2**21)
         for _ in range(20_000):
             sender.send(bytes(200))
         taken = 0
-        while pieces := link.drain():
-            taken += len(pieces)
+        while some := len(link.drain()):
+            taken += some
         sender.send(b"next")
         fetched(link, 4)
         assert 1000 < taken < 20_000
@@ -96,10 +98,11 @@ def test_what_the_system_drops_is_counted() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the granted size is told differently elsewhere")
 def test_a_large_buffer_is_asked_for() -> None:
-    """As large as the system allows: Linux grants twice its rmem_max, or all that was asked for."""
+    """As large as the system allows: Linux grants twice its rmem_max, or all that was asked for; all of it to root."""
     with udp() as (link, _), socket.socket(fileno=os.dup(link.fileno() or -1)) as same:
         allowed = int(Path("/proc/sys/net/core/rmem_max").read_text())
-        assert same.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) == 2 * min(allowed, 4 * 2**20)
+        granted = same.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        assert granted in (2 * min(allowed, 16 * 2**20), 2 * 16 * 2**20)
 
 
 def test_a_flood_does_not_hold_the_loop() -> None:
@@ -107,7 +110,7 @@ def test_a_flood_does_not_hold_the_loop() -> None:
     with tcp_sender(fixture("a_copter_square") * 4, 1e9) as (port, _):
         link = open_link(NetworkUri("tcp", "127.0.0.1", port))
         time.sleep(0.5)
-        assert sum(len(piece.data) for piece in link.drain()) <= 2**20 + 65536
+        assert link.drain().data.size <= 2**20 + 65536
         link.close()
 
 
@@ -120,7 +123,7 @@ def test_a_stream_ends_behind_its_last_byte() -> None:
         size = sum(len(frame.data) for frame in frames)
         assert b"".join(piece.data for piece in fetched(link, size)) == b"".join(frame.data for frame in frames)
         with pytest.raises(LinkDownError, match="the other side has closed"):
-            wait_until(lambda: bool(link.drain()))
+            wait_until(lambda: len(link.drain()) > 0)
         link.close()
 
 
@@ -128,14 +131,14 @@ def test_serial() -> None:
     """Bytes of a device come in order; nothing there is an empty list; a device that goes is told."""
     with terminals() as (master, device):
         link = open_link(SerialUri(device, 115200))
-        assert link.drain() == []
+        assert list(link.drain()) == []
         data = bytes(range(256)) * 8
         os.write(master, data)
         assert b"".join(piece.data for piece in fetched(link, len(data))) == data
-        assert link.drain() == []
+        assert list(link.drain()) == []
         os.close(master)
         with pytest.raises(LinkDownError):
-            wait_until(lambda: bool(link.drain()))
+            wait_until(lambda: len(link.drain()) > 0)
         link.close()
 
 

@@ -1,5 +1,6 @@
 """What is told while links are listened to: the same as a recording tells, and what silence means."""
 
+import bisect
 import os
 import pty
 import socket
@@ -31,16 +32,16 @@ from tests.helpers.live_links import (
     tlog_of,
     wait_until,
 )
+from tests.helpers.processor import queued_s
 
 # What is sent, and how many alarms it must raise.
 FLIGHTS: dict[str, tuple[Callable[[], Sequence[RawFrame]], int]] = {
-    "a plane's pitch trim": (partial(fixture, "d_plane_pitchtrim3", to_s=20), 0),
-    "and a fault on top": (partial(fixture, "d_plane_pitchtrim3", to_s=20, fault="yaw_offset:5"), 1),
-    "a copter with a fault": (partial(fixture, "a_copter_square", from_s=75, to_s=95, fault="yaw_offset:25"), 1),
-    "two vehicles": (partial(fixture, "e_two_vehicles", fault="yaw_offset:25"), 2),
-    "a reboot": (partial(fixture, "f_reboot", fault="roll_sign"), 0),
-    "MAVLink 1": (partial(fixture, "g_mavlink1", to_s=10, fault="mount_offset:0,4,0"), 1),
-    "signed": (partial(fixture, "g_signed", to_s=10), 0),
+    "a plane's pitch trim, and a fault": (partial(fixture, "d_plane_pitchtrim3", to_s=10, fault="yaw_offset:5"), 1),
+    "a copter with a fault": (partial(fixture, "a_copter_square", from_s=75, to_s=84, fault="yaw_offset:25"), 1),
+    "two vehicles": (partial(fixture, "e_two_vehicles", to_s=6, fault="yaw_offset:25"), 2),
+    "a reboot": (partial(fixture, "f_reboot", from_s=10, to_s=16), 0),
+    "MAVLink 1": (partial(fixture, "g_mavlink1", to_s=6, fault="mount_offset:0,4,0"), 1),
+    "signed": (partial(fixture, "g_signed", to_s=4), 0),
 }
 SPEED = 15.0  # alarms run on the vehicle's time, so that what it sends may come faster than it was
 
@@ -108,7 +109,7 @@ def test_live_is_recorded_over_udp(name: str, recording: Recording) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "cut"), [("a plane's pitch trim", None), ("two vehicles", None), ("a reboot", 61)])
+@pytest.mark.parametrize(("name", "cut"), [("two vehicles", None), ("a reboot", 61)])
 def test_live_is_recorded_over_tcp(name: str, cut: int | None, recording: Recording) -> None:
     """The same where the bytes are a stream, cut at frames or anywhere."""
     flight, n_alarms = FLIGHTS[name]
@@ -165,10 +166,16 @@ def test_every_frame_is_recorded_byte_for_byte(recording: Recording) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "from_s", "to_s"), [("e_two_vehicles", 0, 5), ("f_reboot", 8, 16)])
-def test_datagrams_at_once_are_datagrams_one_by_one(name: str, from_s: float, to_s: float) -> None:
+@pytest.mark.parametrize(
+    ("frames", "shows"),
+    [
+        (fixture("e_two_vehicles", to_s=4, fault="yaw_offset:25"), "alarm_raised"),
+        (fixture("f_reboot", from_s=11, to_s=15), "reboot"),
+    ],
+    ids=["two vehicles", "a reboot"],
+)
+def test_datagrams_at_once_are_datagrams_one_by_one(frames: Sequence[RawFrame], shows: str) -> None:
     """Bit for bit: report, events and what is recorded."""
-    frames = fixture(name, from_s=from_s, to_s=to_s, fault="yaw_offset:25")
     datagrams = [(frame.data, frame.t_rx_us) for frame in frames]
     told = []
 
@@ -187,13 +194,13 @@ def test_datagrams_at_once_are_datagrams_one_by_one(name: str, from_s: float, to
                 events += monitor.feed_datagrams(datagrams[start : start + size])
         told.append((monitor.close().to_dict(), events, seen))
     assert told[0] == told[1] == told[2]
-    assert {"alarm_raised", "reboot"} & {event["event"] for event in told[0][1]}
+    assert shows in {event["event"] for event in told[0][1]}
 
 
 @pytest.mark.slow
 def test_broken_datagrams_do_not_reach_into_each_other() -> None:
     """What is missing of one is not looked for in the next, in a batch as alone."""
-    frames = fixture("a_copter_square", from_s=75, to_s=83, fault="yaw_offset:25")
+    frames = fixture("a_copter_square", from_s=75, to_s=78)
     datagrams = [(frame.data, frame.t_rx_us) for frame in frames]
     for at in range(5, len(datagrams), 11):
         data, t_rx_us = datagrams[at]
@@ -240,12 +247,14 @@ def test_silence_is_noticed_while_nothing_comes() -> None:
 def test_a_lost_vehicle_is_told_once_whatever_the_cut() -> None:
     """Lost and back among another's frames: the same events whole, in pieces and frame by frame."""
     start_us = 1_700_000_000_000_000
-    one = fixture("e_two_vehicles", to_s=12)
+    one = fixture("e_two_vehicles", to_s=10)
     first_us = one[0].t_rx_us
+    after_s = [((frame.t_rx_us - first_us) / 1e6, frame) for frame in one]
     frames = [
         frame._replace(t_rx_us=frame.t_rx_us - first_us + start_us)
-        for frame in one
-        if not (frame.data[5] == 1 and 3e6 < frame.t_rx_us - first_us < 10e6)
+        for number, (at_s, frame) in enumerate(after_s)
+        # Of system 1 the first second and the last; of system 2 its heartbeats, and some of the others.
+        if (not 1 < at_s < 9 if frame.data[5] == 1 else frame.data[7] == 0 or number % 10 == 0)
     ]
     tlog = tlog_of(frames)
     told = []
@@ -333,25 +342,37 @@ def test_a_link_without_a_descriptor() -> None:
 
 @pytest.mark.slow
 def test_age_of_what_is_shown() -> None:
-    """From its arrival to the observer who draws it, a sample takes less than 100 ms (p95), alone with a margin.
+    """From its arrival to the observer who draws it, a sample takes less than 100 ms (p95), here with a margin.
 
-    At the best of three: what else runs on this machine, another worker's tests among it, is not what is measured.
+    At the best of three, and without the time in which the loop's thread waits for a processor: what else runs on this
+    machine, another worker's tests among it, is not what is measured.
     """
-    limit_ms = 100 if "PYTEST_XDIST_WORKER" in os.environ else 80
-    assert any(age_ms() < limit_ms for _ in range(3))
+    assert any(age_ms() < 70 for _ in range(3))
 
 
 def age_ms() -> float:
+    """Of 19 samples in 20."""
     ages_ms: list[float] = []
+    sent_us: list[float] = []
+    queued_us: list[float] = []  # how long the loop's thread had queued by then
 
     def observe(observation: Any) -> None:
-        ages_ms.extend((time.time_ns() // 1000 - observation.segment.t_rx_us) / 1000)
+        now_us, now_queued_us = time.time_ns() / 1000, 1e6 * queued_s()
+        for t_rx_us in observation.segment.t_rx_us.tolist():
+            since = bisect.bisect(sent_us, t_rx_us) - 1
+            ages_ms.append((now_us - t_rx_us - (now_queued_us - queued_us[since])) / 1000)
 
-    frames = fixture("b_copter_acro", to_s=3)
+    frames = fixture("b_copter_acro", to_s=2)
     link, uri = udp_link()
-    with Live(link, observer=observe), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        paced(frames, lambda data: sender.sendto(data, (uri.host, uri.port)), 1.0)
+    with Live(link, observer=observe) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+
+        def send(data: bytes) -> None:
+            queued_us.append(1e6 * queued_s(live.thread_id))
+            sent_us.append(time.time_ns() / 1000)
+            sender.sendto(data, (uri.host, uri.port))
+
+        paced(frames, send, 1.0)
         time.sleep(0.2)
     ages_ms.sort()
-    assert len(ages_ms) > 250
+    assert len(ages_ms) > 170
     return ages_ms[len(ages_ms) * 95 // 100]

@@ -8,6 +8,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from pymavlink.generator.mavcrc import x25crc
 
 from gcs_bridge.mavlink.dialect import load_dialect
-from gcs_bridge.mavlink.scanner import Salvage, Scanner
+from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
 from tests.helpers import wire
 from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES
@@ -302,6 +303,36 @@ def test_pieces_of_a_damaged_recording_give_the_same(damage: str, timed: bool) -
     """The cut never decides what a gap swallows."""
     data = spoiled(random.Random(damage), damage)[0][:60_000]
     assert_pieces_change_nothing(data, 61, timed=timed)
+
+
+@pytest.mark.parametrize("kind", ["recording", "stream", "datagrams"])
+@pytest.mark.parametrize("damage", ["random", "markers", "length"])
+def test_pieces_scanned_together_give_what_they_give_one_by_one(damage: str, kind: str) -> None:
+    """Several pieces in one call: the same frames with their times and bytes, the same counts; also as datagrams."""
+    dice, timed = random.Random(damage), kind == "recording"
+    data = spoiled(random.Random(damage), damage)[0][:30_000]
+    at = [0, *sorted(dice.sample(range(len(data)), 200)), len(data)]
+    pieces = [data[lo:hi] for lo, hi in pairwise(at)]
+    final = kind == "datagrams"
+    single, together = (Scanner(load_dialect(), timed=timed) for _ in range(2))
+    frames, raw = [], []
+    for t_rx_us, piece in enumerate(pieces):
+        frames.append(single.scan(piece, t_rx_us=t_rx_us, final=final).copy())
+        raw += single.raw_frames()
+    expected = np.concatenate(frames)
+    found, found_raw = [], []
+    for lo in range(0, len(pieces), 7):
+        some = pieces[lo : lo + 7]
+        ends = np.cumsum([len(one) for one in some])
+        times = np.arange(lo, lo + len(some))
+        found.append(together.scan_chunks(np.frombuffer(b"".join(some), np.uint8), ends, times, whole=final))
+        found_raw += together.raw_frames()
+    whole = np.concatenate(found)
+    assert len(whole) > 100
+    for name in sorted(set(expected.dtype.names or ()) - {"payload"}):
+        assert whole[name].tolist() == expected[name].tolist(), name
+    assert found_raw == raw
+    assert together.salvage == single.salvage
 
 
 def test_frames_cut_in_the_middle_of_a_datagram_do_not_join_the_next() -> None:
@@ -637,6 +668,53 @@ def test_any_bytes_are_read_without_error_and_no_false_frame_is_given(
     assert salvage.bytes == len(data)
     assert 0 <= salvage.skipped_bytes <= len(data)
     assert all(offset >= 0 and length > 0 and offset + length <= len(data) for offset, length in salvage.gaps)
+
+
+def scanned(batches: Sequence[Sequence[bytes]], *, timed: bool, whole: bool, at_once: bool) -> tuple[Any, ...]:
+    """What chunks yield, each received a µs behind the one before, scanned a batch at a time or one by one."""
+    scanner = Scanner(load_dialect(), timed=timed)
+    yielded: list[tuple[Any, ...]] = []
+    raw: list[RawFrame] = []
+
+    def keep(frames: np.ndarray) -> None:
+        payloads = [scanner.buffer[at : at + n].tobytes() for at, n in frames[["payload", "length"]].tolist()]
+        yielded.extend(zip(*(frames[name].tolist() for name in (*FIELDS, "verified")), payloads, strict=True))
+        raw.extend(scanner.raw_frames())
+
+    t_rx_us = wire.START_US
+    for batch in batches:
+        if at_once:
+            data, ends = np.frombuffer(b"".join(batch), np.uint8), np.cumsum([len(chunk) for chunk in batch], dtype=int)
+            keep(scanner.scan_chunks(data, ends, t_rx_us + np.arange(len(batch)), whole=whole))
+        else:
+            for i, chunk in enumerate(batch):
+                keep(scanner.scan(chunk, t_rx_us=t_rx_us + i, final=whole))
+        t_rx_us += len(batch)
+    keep(scanner.scan(b"", t_rx_us=t_rx_us, final=True))
+    return yielded, raw, scanner.salvage
+
+
+@SLOW
+@given(st.lists(st.lists(_bits, max_size=8), max_size=4), st.sampled_from(["recording", "stream", "datagrams"]))
+def test_chunks_at_once_are_chunks_one_by_one(batches: list[list[bytes]], kind: str) -> None:
+    """To the byte: frames and their times, what is recorded, what was lost; however they are cut and damaged."""
+    how = {"timed": kind == "recording", "whole": kind == "datagrams"}
+    assert scanned(batches, at_once=True, **how) == scanned(batches, at_once=False, **how)
+
+
+@pytest.mark.parametrize("kind", ["recording", "stream", "datagrams"])
+@pytest.mark.parametrize("damage", ["length", "unknown"])
+def test_chunks_of_a_damaged_flight_at_once_are_chunks_one_by_one(damage: str, kind: str) -> None:
+    """Some hundred at a time, with whatever reaches across their borders."""
+    dice = random.Random(damage)
+    data = spoiled(dice, damage)[0][:40_000]
+    cuts = [0, *sorted(dice.sample(range(1, len(data)), 700)), len(data)]
+    chunks = [data[start:end] for start, end in pairwise(cuts)]
+    batches = [chunks[at : at + 150] for at in range(0, len(chunks), 150)]
+    how = {"timed": kind == "recording", "whole": kind == "datagrams"}
+    at_once = scanned(batches, at_once=True, **how)
+    assert at_once == scanned(batches, at_once=False, **how)
+    assert len(at_once[0]) > 20
 
 
 @cache

@@ -11,7 +11,16 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_bridge import Monitor
-from gcs_bridge.telemetry.statements import FlagsSet, LandedSet, ModeSet, ParameterSet, Statement, StepSignal, TextSaid
+from gcs_bridge.telemetry.statements import (
+    FlagsSet,
+    LandedSet,
+    ModeSet,
+    ParameterSet,
+    Statement,
+    StepSignal,
+    TextSaid,
+    held_at,
+)
 from tests.helpers.craft import Craft, Record, landed, parameter, text
 from tests.helpers.wire import PX4, tlog
 
@@ -32,6 +41,7 @@ def values(said: Sequence[Statement]) -> list[tuple[str, float]]:
 
 def at(latest: StepSignal, *frame_indices: int) -> list[float]:
     values: list[float] = latest.at(np.array(frame_indices, np.int64)).tolist()
+    np.testing.assert_array_equal([held_at(latest.steps, one) for one in frame_indices], values)
     return values
 
 

@@ -27,6 +27,7 @@ from gcs_bridge.viewer.processes import free_port
 from gcs_bridge.viewer.served import ServedViewer
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
+from tests.helpers.processor import queued_s
 from tests.helpers.viewer_tools import (
     HEADLESS_PORT,
     Drawn,
@@ -157,21 +158,27 @@ def test_a_late_viewer_sees_what_never_changes_though_the_history_is_full(port: 
     """The server forgets old samples first; the scene and its layout stay."""
     with serving("1MiB") as viewer:
         sink = viewer.recording("full")
-        feed(Monitor(observer=sink.observe), sink, wire.flight(wire.Motion(60.0), 60.0))
+        feed(Monitor(observer=sink.observe), sink, wire.flight(wire.Motion(25.0), 25.0))
         with headless(viewer.url, port) as late:
-            recording = late.wait_for("boot", 69_000_000)
+            recording = late.wait_for("boot", 34_000_000)
             line = next(line for line in recording.timelines if line.name == "boot")
-            assert line.start // 1000 > 15_000_000
+            assert line.start // 1000 > 15_000_000  # it began at 10 s
             assert late.edge(BODY)["sample_time"] == {"kind": "static"}
-            late.go_to(69_000_000)
-            wxyz = wire.Motion(60.0).wxyz(59.0)
+            late.go_to(34_000_000)
+            wxyz = wire.Motion(25.0).wxyz(24.0)
             assert late.matrix(f"{BODY}/quaternion") == pytest.approx(
                 Rotation.from_quat(wxyz[[1, 2, 3, 0]]).as_matrix(), abs=TOLERANCE
             )
 
 
+GROWN = 2_000_000  # bytes; the server's history of 25 s of flight would be twice as much
+
+
 class Flight:
-    """500 messages a second, drawn as fast as they can be; remembers the slowest batch and the slowest second."""
+    """500 messages a second, drawn as fast as they can be; remembers for how long a batch waited for somebody at most.
+
+    Waiting for a processor does not count: that is the other tests' doing.
+    """
 
     def __init__(self, viewer: Any, seconds: float) -> None:
         flight = wire.flight(wire.Motion(seconds), seconds, euler_hz=250.0, quaternion_hz=250.0)
@@ -180,39 +187,38 @@ class Flight:
         self._monitor = Monitor(observer=self._sink.observe)
         self.slowest_s = self.slowest_second_s = 0.0
 
-    def fly(self, seconds: int) -> None:
+    def fly(self, seconds: int) -> int:
+        """How many bytes the process has grown by."""
+        before = resident_bytes()
         for _ in range(seconds):
             took_s = []
             for batch in islice(self._batches, 10):
-                started = time.monotonic()
+                started_s, queued_before_s = time.monotonic(), queued_s()
                 self._sink.events(self._monitor.feed(b"".join(frame for _, frame in batch), batch[-1][0]))
-                took_s.append(time.monotonic() - started)
+                took_s.append(time.monotonic() - started_s - (queued_s() - queued_before_s))
                 time.sleep(0.002)
             self.slowest_s = max(self.slowest_s, *took_s)
             self.slowest_second_s = max(self.slowest_second_s, sum(took_s))
+        return resident_bytes() - before
 
     def assert_that_nobody_waited(self) -> None:
-        """A viewer that is waited for costs seconds; beside other tests any batch may wait for a processor."""
-        assert self.slowest_s < 0.5
+        """A viewer that is waited for costs seconds."""
+        assert self.slowest_s < 0.25
         assert self.slowest_second_s < 0.8
 
 
 @pytest.mark.slow
 @can_draw
 def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: int) -> None:
-    """Once the server's history is full, a minute of flight adds nothing: nobody looking, and after who looked died."""
+    """Once the server's history is full, a flight adds nothing: nobody looking, and after who looked died."""
     with serving("1MiB") as viewer:
-        flight = Flight(viewer, 160.0)
-        flight.fly(20)
-        full = resident_bytes()
-        flight.fly(60)
-        assert resident_bytes() < 1.03 * full
+        flight = Flight(viewer, 80.0)
+        flight.fly(25)
+        assert flight.fly(25) < GROWN
         with headless(viewer.url, port) as watching:
-            watching.wait_for("boot", 60_000_000)
-            flight.fly(20)
-            watched = resident_bytes()
-        flight.fly(60)
-        assert resident_bytes() < 1.03 * watched
+            watching.wait_for("boot", 50_000_000)
+            flight.fly(5)
+        assert flight.fly(25) < GROWN
         flight.assert_that_nobody_waited()
         assert eventually(lambda: socket.create_connection(("127.0.0.1", viewer._port), 1)).close() is None
 
@@ -227,10 +233,10 @@ def test_a_viewer_that_reads_no_more_neither_stops_nor_slows_nor_grows_us(port: 
         full = resident_bytes()
         with headless(viewer.url, port) as watching:
             watching.wait_for("boot", 5_000_000)
-            flight.fly(10)
+            flight.fly(5)
             os.killpg(watching.process.pid, signal.SIGSTOP)
             flight.fly(10)
-        flight.fly(10)
+        flight.fly(5)
         flight.assert_that_nobody_waited()
         assert resident_bytes() < 1.03 * full
 
@@ -278,14 +284,15 @@ def test_the_page_shows_the_same_in_a_browser() -> None:
     playwright = pytest.importorskip("playwright.sync_api", reason="pip install playwright (no browser of its own)")
     said: list[str] = []
     flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    flags += ["--js-flags=--no-wasm-tier-up --no-wasm-dynamic-tiering"]  # for some seconds, compiled quickly is enough
     with open_viewer("web", say=said.append) as viewer:
         sink = viewer.recording("page")
-        feed(Monitor(observer=sink.observe), sink, wire.flight(wire.Motion(5.0), 5.0))
+        feed(Monitor(observer=sink.observe), sink, wire.flight(wire.Motion(2.0), 2.0))
         sink.finish()
         (address,) = [word for word in said[0].split() if word.startswith("http")]
         with playwright.sync_playwright() as tool:
             browser = tool.chromium.launch(executable_path=shutil.which("chromium"), args=flags)
-            page = browser.new_page(viewport={"width": 1400, "height": 900})
+            page = browser.new_page(viewport={"width": 700, "height": 450})
 
             def route(request: Any) -> None:
                 if request.request.url.startswith(("http://127.0.0.1", "blob:", "data:")):
@@ -296,11 +303,13 @@ def test_the_page_shows_the_same_in_a_browser() -> None:
             page.route("**/*", route)
             page.goto(f"{address}&renderer=webgl&theme=dark&persist=0")
 
-            def drawn() -> bool:
-                picture = pixels(page.screenshot())
-                return bool(about(picture, (143, 163, 181), within=25)[:600, :760].sum() > 1000)
+            def drawn() -> bool:  # the body of the quaternion, and the outline of that of the angles
+                picture = pixels(page.screenshot())[65:285, :380]
+                solid = about(picture, (143, 163, 181), within=25).sum()
+                outline = about(picture, (255, 175, 60), within=60).sum()
+                return bool(solid > 500 and outline > 100)
 
-            eventually(drawn, 40)
+            eventually(drawn, 120)
             browser.close()
 
 

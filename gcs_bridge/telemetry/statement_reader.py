@@ -1,0 +1,155 @@
+"""Statements from the wire: heartbeats, parameters, texts, whether it has landed, flags of the estimator.
+
+Most messages say the same again: those are told apart in a kernel, and cost no more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from gcs_bridge.columns import Int64s, Records
+from gcs_bridge.jit import kernel
+from gcs_bridge.mavlink.decode import decode, place_of, unsigned_in
+from gcs_bridge.mavlink.dialect import Dialect
+from gcs_bridge.mavlink.scan import Bytes, Frames
+from gcs_bridge.telemetry.messages import KIND, STATEMENT_KINDS
+from gcs_bridge.telemetry.sorting import Share, SortedFrames
+from gcs_bridge.telemetry.statements import FlagsSet, LandedSet, ModeSet, Statement, TextSaid, parameters, text_of
+
+_ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
+_LANDED = {1: True, 2: False, 3: False, 4: False}  # MAV_LANDED_STATE; 0: it does not know
+_FLAGS = {"EKF_STATUS_REPORT": "flags", "ESTIMATOR_STATUS": "flags", "ODOMETRY": "reset_counter"}
+_AUTOPILOTS = {3: "ardupilot"}  # MAV_AUTOPILOT_ARDUPILOTMEGA, as everybody calls it; others by MAVLink's own name
+
+
+class Beat(NamedTuple):
+    """A HEARTBEAT; `autopilot` and `type` by MAVLink's numbers."""
+
+    frame_index: int
+    t_rx_us: int
+    autopilot: int
+    type: int
+    custom_mode: int
+    armed: bool
+
+
+@kernel
+def _differing(
+    frames: Frames,
+    buffer: Bytes,
+    by_message: Int64s,
+    start: int,
+    end: int,
+    offset: int,
+    last: Bytes,
+    rows: Int64s,
+) -> int:
+    """Find the messages from `start` to `end` of `by_message` that say something else than the one before.
+
+    What they say is as many bytes from `offset` on as `last` has, the last one's, save one: that is 0 before the first.
+    Return how many `rows` there are.
+    """
+    n, size = 0, last.size - 1
+    for i in range(start, end):
+        row = by_message[i]
+        payload = (buffer, np.int64(frames[row].payload), np.int64(frames[row].length))
+        differs = last[size] == 0
+        last[size] = 1
+        for at in range(size):
+            byte = unsigned_in(payload, offset + at, 1)
+            differs |= byte != last[at]
+            last[at] = byte
+        if differs:
+            rows[n] = row
+            n += 1
+    return n
+
+
+class StatementReader:
+    """Reads what one vehicle says of itself."""
+
+    def __init__(self, dialect: Dialect) -> None:
+        """Start with nothing said."""
+        self._dialect = dialect
+        self._last: dict[str, Bytes] = {}
+        self._flags: dict[str, int] = {}
+        self._mode: tuple[int, int, int, bool] | None = None
+
+    def beats(self, batch: SortedFrames, share: Share) -> list[Beat]:
+        """The heartbeats that say something else than the one before, in order of arrival."""
+        return [
+            Beat(
+                frame_index,
+                t_rx_us,
+                autopilot=int(beat["autopilot"]),
+                type=int(beat["type"]),
+                custom_mode=int(beat["custom_mode"]),
+                armed=bool(beat["base_mode"] & _ARMED),
+            )
+            for frame_index, t_rx_us, beat in self._news(batch, share, "HEARTBEAT")
+        ]
+
+    def read(self, batch: SortedFrames, share: Share, beats: list[Beat], autopilot: str) -> list[Statement]:
+        """All statements, in order of arrival; `beats` as above, `autopilot` its name as far as known."""
+        told: list[Statement] = []
+        if not share.has_any(STATEMENT_KINDS):
+            return told
+        for beat in beats:
+            if beat[2:] != self._mode:
+                self._mode = beat[2:]
+                names = autopilot_name(self._dialect, beat.autopilot), type_name(self._dialect, beat.type)
+                told.append(ModeSet(beat.frame_index, *names, beat.custom_mode, beat.armed))
+        if share.count(KIND["PARAM_VALUE"]):
+            rows = batch.rows(share, KIND["PARAM_VALUE"])
+            told += parameters(self._records(batch, "PARAM_VALUE", rows), batch.first + rows, autopilot)
+        for frame_index, state in self._all(batch, share, "EXTENDED_SYS_STATE"):
+            told.append(LandedSet(frame_index, _LANDED.get(int(state["landed_state"]))))
+        for frame_index, said in self._all(batch, share, "STATUSTEXT"):
+            told.append(TextSaid(frame_index, text_of(said)))
+        for name, field in _FLAGS.items():
+            for frame_index, _, flags in self._news(batch, share, name, field):
+                what, value = f"{name}.{field}", int(flags[field])
+                if self._flags.setdefault(what, value) != value:
+                    told.append(FlagsSet(frame_index, what, self._flags[what], value))
+                self._flags[what] = value
+        return sorted(told, key=lambda statement: statement.frame_index) if len(told) > 1 else told
+
+    def _all(self, batch: SortedFrames, share: Share, name: str) -> Iterator[tuple[int, np.void]]:
+        """Frame index and fields of each message of this name."""
+        if share.count(KIND[name]):
+            rows = batch.rows(share, KIND[name])
+            yield from zip((batch.first + rows).tolist(), self._records(batch, name, rows), strict=True)
+
+    def _news(
+        self, batch: SortedFrames, share: Share, name: str, field: str | None = None
+    ) -> Iterator[tuple[int, int, np.void]]:
+        """Frame index, receive time and fields of messages that differ from the one before; in `field`, or at all."""
+        count = share.count(KIND[name])
+        if not count:
+            return
+        message = self._dialect[name]
+        offset, size = (0, message.dtype.itemsize) if field is None else place_of(message, field)
+        last = self._last.setdefault(name, np.zeros(size + 1, np.uint8))
+        rows = np.empty(count, np.int64)
+        start, end = share.starts[KIND[name] : KIND[name] + 2]
+        n = _differing(batch.frames, batch.buffer, batch.by_message, start, end, offset, last, rows)
+        if n:
+            rows = rows[:n]
+            times = batch.frames["t_rx_us"][rows].tolist()
+            yield from zip((batch.first + rows).tolist(), times, self._records(batch, name, rows), strict=True)
+
+    def _records(self, batch: SortedFrames, name: str, rows: Int64s) -> Records:
+        return decode(batch.buffer, np.take(batch.frames, rows), self._dialect[name])
+
+
+def autopilot_name(dialect: Dialect, number: int) -> str:
+    """As in the report."""
+    return _AUTOPILOTS.get(number) or dialect.enum_name("MAV_AUTOPILOT", number)
+
+
+def type_name(dialect: Dialect, number: int) -> str:
+    """As in the report."""
+    return dialect.enum_name("MAV_TYPE", number)
