@@ -8,7 +8,7 @@ from collections.abc import Callable
 from types import FunctionType
 from typing import Any, TypeVar, cast
 
-from gcs_bridge.jit import cache
+from gcs_bridge import cache
 from gcs_bridge.jit.declared import declared_types
 from gcs_bridge.jit.recipe import StandIn, recipe_of
 

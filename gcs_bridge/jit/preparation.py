@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
-from gcs_bridge.jit import cache
+from gcs_bridge import cache
 from gcs_bridge.jit.kernels import KERNELS, Kernel
 
 _MANY = 4  # kernels that are worth another process, which takes a second to begin

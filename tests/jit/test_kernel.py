@@ -14,8 +14,9 @@ from typing import Annotated, Any, NamedTuple, cast
 import numpy as np
 import pytest
 
+from gcs_bridge import cache
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
-from gcs_bridge.jit import cache, helper, in_kernels, kernel, share
+from gcs_bridge.jit import helper, in_kernels, kernel, share
 from gcs_bridge.jit.kernels import KERNELS, Kernel
 
 PAIR = np.dtype([("t", "i4"), ("x", "f8")])

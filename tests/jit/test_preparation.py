@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from gcs_bridge.jit import cache, preparation, prepare
+from gcs_bridge import cache
+from gcs_bridge.jit import preparation, prepare
 from gcs_bridge.jit.kernels import KERNELS
 from tests.helpers.paths import ROOT
 
@@ -70,7 +71,7 @@ def told_by(process: subprocess.Popen[str]) -> tuple[str, str]:
 
 
 def kept() -> list[Path]:
-    return sorted(path for path in Path(os.environ["GCS_BRIDGE_CACHE_DIR"]).iterdir() if path.name != "kernels.lock")
+    return sorted(path for path in Path(os.environ["GCS_BRIDGE_CACHE_DIR"]).iterdir() if path.name != "gcs-bridge.lock")
 
 
 def test_the_first_run_says_so_and_the_next_is_silent_and_needs_no_numba(package: str) -> None:
@@ -149,7 +150,7 @@ def test_without_a_helper_it_takes_longer_and_that_is_all(package: str, monkeypa
     for module in ("some", "more"):
         importlib.import_module(f"{package}.{module}")
     last = KERNELS[-1].name
-    held = f"from gcs_bridge.jit import cache\nwith cache.claimed({last!r}) as ours: print(ours, flush=True); input()"
+    held = f"from gcs_bridge import cache\nwith cache.claimed({last!r}) as ours: print(ours, flush=True); input()"
     with subprocess.Popen([sys.executable, "-c", held], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == b"True\n"

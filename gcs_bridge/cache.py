@@ -1,7 +1,7 @@
-"""Where compiled kernels are kept: a file each, in a folder that only this user and root can write.
+"""What is made once on a machine, machine code and tables, is kept here: in files of this user, or of root.
 
 Machine code runs with all that its user may do. So what somebody else could have written is passed over, as if it were
-not there. Whoever finds no kernel compiles it; two who do so at once put the same file there, one after the other.
+not there. Whoever finds nothing makes it; two who do so at once put the same file there, one after the other.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if sys.platform != "win32":
     import fcntl
 
 _CHOSEN = "GCS_BRIDGE_CACHE_DIR"
-_BESIDE_SOURCE = Path(__file__).parents[1] / "__pycache__"
+_BESIDE_SOURCE = Path(__file__).parent / "__pycache__"
 _ROOT = 0
-_FORGOTTEN_S = 90 * 86_400.0  # so old versions of a kernel go when it is compiled anew
+_FORGOTTEN_S = 90 * 86_400.0  # so old versions of something go when it is made anew
 
 
 @cache
 def folders() -> tuple[Path, ...]:
-    """Where kernels may be, in the order in which they are looked for: beside the source, then at the user's."""
+    """Where files may be, in the order in which they are looked for: beside the source, then at the user's."""
     chosen = os.environ.get(_CHOSEN)
     return (Path(chosen),) if chosen else (_BESIDE_SOURCE, *_of_user())
 
@@ -45,7 +45,7 @@ def _of_user() -> Iterator[Path]:
 
 @cache
 def writable() -> Path | None:
-    """The folder in which kernels are kept, None where there is none: then each process compiles its own."""
+    """The folder that is written to, None where there is none: then each process makes its own."""
     for folder in folders():
         if folder == _BESIDE_SOURCE and sys.dont_write_bytecode:
             continue
@@ -89,7 +89,7 @@ def write(name: str, data: bytes) -> None:
     if folder is None:
         return
     temporary = folder / f"{name}.{os.getpid()}.tmp"
-    with contextlib.suppress(OSError):  # the disk is full: it is compiled again the next time
+    with contextlib.suppress(OSError):  # the disk is full: it is made again the next time
         try:
             temporary.touch(0o644, exist_ok=False)
             with temporary.open("r+b") as out:
@@ -106,7 +106,7 @@ def _head(name: str, data: bytes) -> bytes:
 
 
 def _forget_others(folder: Path, name: str) -> None:
-    """Delete what was kept long ago of the same kernel, whose name ends at the last hyphen."""
+    """Delete what was kept long ago of the same thing, whose name ends at the last hyphen."""
     for other in folder.glob(f"{name.rpartition('-')[0]}-*"):
         if time.time() - other.stat().st_mtime > _FORGOTTEN_S:
             other.unlink()
@@ -114,18 +114,18 @@ def _forget_others(folder: Path, name: str) -> None:
 
 @contextlib.contextmanager
 def claimed(name: str) -> Iterator[bool]:
-    """Whether, among all processes, this one is to compile what is kept under `name`; others are told no meanwhile.
+    """Whether, among all processes, this one is to make what is kept under `name`; others are told no meanwhile.
 
-    No harm is done where that cannot be told: the same is compiled twice.
+    No harm is done where that cannot be told: the same is made twice.
     """
     folder = writable()
     if sys.platform == "win32" or folder is None:
         yield True
         return
-    file = os.open(folder / "kernels.lock", os.O_RDWR | os.O_CREAT, 0o600)  # else others could hold it for ever
+    file = os.open(folder / "gcs-bridge.lock", os.O_RDWR | os.O_CREAT, 0o600)  # else others could hold it for ever
     try:
         try:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, zlib.crc32(name.encode()))  # a byte a kernel
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, zlib.crc32(name.encode()))  # a byte each
             mine = True
         except BlockingIOError:
             mine = False

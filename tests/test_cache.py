@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs_bridge.jit import cache
+from gcs_bridge import cache
 
 NAME = "somewhere.kernel-0123"
 not_windows = pytest.mark.skipif(sys.platform == "win32", reason="Windows has other rights")
@@ -174,7 +174,7 @@ def test_the_folders_in_their_order(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 @not_windows
 def test_among_processes_one_compiles() -> None:
     """Another one is told no until that is done; a claim ends with its process, however that ended."""
-    claim = "from gcs_bridge.jit import cache\nwith cache.claimed('one') as ours: print(ours, flush=True); input()"
+    claim = "from gcs_bridge import cache\nwith cache.claimed('one') as ours: print(ours, flush=True); input()"
     with subprocess.Popen(
         [sys.executable, "-c", claim], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
