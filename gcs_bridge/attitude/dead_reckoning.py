@@ -16,7 +16,7 @@ from gcs_bridge.attitude.quaternion import length
 REST_FORCE_M_S2 = 0.3
 """At rest the length of the specific force is off g by less than this."""
 
-REST_RATE_RAD_S = np.radians(2.9)
+REST_RATE_RAD_S: float = np.radians(2.9)
 """At rest the body turns slower than this."""
 
 REST_TIME_S = 3.0

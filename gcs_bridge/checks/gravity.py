@@ -122,9 +122,9 @@ def rate_downs(
             continue
         force, rates = vector_at(f_b, i), vector_at(w_b, i) if is_known(w_b[i]) else vector_at(w1_b, i)
         q, norm2 = _before_trim(q_nb, trim_b, i)
-        down, angle = down_of(q, norm2), np.nan
-        if is_at_rest(rests[0], t_us[i] * 1e-6, force, rates, may_rest[i]):
-            angle = tilt_felt(q, norm2, force)
+        down = down_of(q, norm2)
+        rests_here = is_at_rest(rests[0], t_us[i] * 1e-6, force, rates, may_rest[i])
+        angle = tilt_felt(q, norm2, force) if rests_here else np.nan
         watch(watched, t_us[i], angle, np.isfinite(angle))
         _, since_us = slide_in(sums, t_us[i], (force[0], force[1], force[2], down[0], down[1], down[2]))
         if _is_loud(state, rates, down, held_at(fixed_wing, frame_index[i]) == 1.0):

@@ -12,7 +12,8 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from gcs_bridge.alarms.votes import Ballot
-from gcs_bridge.attitude.compiled import ray_at, vector_at
+from gcs_bridge.attitude._rows import where
+from gcs_bridge.attitude.compiled import ray_at, vector_at, vector_of
 from gcs_bridge.attitude.gravity import down_of
 from gcs_bridge.attitude.quaternion import length, turned
 from gcs_bridge.checks.base import Check, Watched, watch
@@ -113,7 +114,7 @@ def follow_difference(
         x, y, _ = turned(q, norm2, field)
         size = np.hypot(x, y)
         judged = size > 0 and t_us[i] - state.first_us >= state.skipped_us and _is_calm(state, q, norm2, w, i)
-        x, y = (x / size, y / size) if size > 0 else (0.0, 0.0)
+        x, y = where(size > 0, x / size, 0.0), where(size > 0, y / size, 0.0)
         off = abs(np.arctan2(state.north * y - state.east * x, state.north * x + state.east * y)) if judged else 0.0
         state.north, state.east = state.north + x, state.east + y
         watch(watched, t_us[i], off, judged)
@@ -123,5 +124,5 @@ def follow_difference(
 def _is_calm(state, q, norm2, rates, i):  # type: ignore[no-untyped-def]  # typed by numba
     """Whether the vehicle neither turns fast nor is banked far; rates that are no number are none."""
     x, y, z = rates[i, 0], rates[i, 1], rates[i, 2]
-    rate = length((x if x == x else 0.0, y if y == y else 0.0, z if z == z else 0.0))
+    rate = length(vector_of(x if x == x else 0.0, y if y == y else 0.0, z if z == z else 0.0))
     return rate < state.quiet_below_rad_s and down_of(q, norm2)[2] > state.quiet_down

@@ -5,6 +5,7 @@ the kernels do inside. `python tests/judging/test_cost.py`, with the checkout on
 """
 
 import dis
+import gc
 import sys
 import tracemalloc
 from collections import Counter
@@ -149,8 +150,10 @@ def bytes_held() -> float:
 
 def blocks_kept() -> float:
     flight = Flight()
+    gc.collect()
     before = sys.getallocatedblocks()
     flight.take()
+    gc.collect()
     return (sys.getallocatedblocks() - before) / sum(map(len, flight.next))
 
 
@@ -159,8 +162,15 @@ def measured() -> tuple[Cost, Counter[str], Counter[str]]:
     (operations, more_operations), (calls, more_calls) = (
         [count(Flight(vehicles).take) for vehicles in (1, 2)] for count in (operations_of, kernel_calls_of)
     )
-    counts = operations.total(), calls.total(), (more_operations - operations).total(), (more_calls - calls).total()
-    return Cost(*(count / COUNTED for count in counts), bytes_held(), blocks_kept()), operations, calls
+    cost = Cost(
+        operations=operations.total() / COUNTED,
+        kernel_calls=calls.total() / COUNTED,
+        second_operations=(more_operations.total() - operations.total()) / COUNTED,
+        second_kernel_calls=(more_calls.total() - calls.total()) / COUNTED,
+        bytes_held=bytes_held(),
+        blocks_kept=blocks_kept(),
+    )
+    return cost, operations, calls
 
 
 @pytest.mark.slow
