@@ -26,7 +26,7 @@ _HOME = {
 
 
 def __getattr__(name: str) -> Any:
-    """Load what is asked for when it is asked for: the command line must start before numba has."""
+    """Load what is asked for when it is asked for: the command line must start before numpy has."""
     if name == "attitude":
         return importlib.import_module("gcs_bridge.attitude")
     if name in _HOME:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Generic, Self, TypeVar, dataclass_transform
+from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar, dataclass_transform
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,10 @@ Floats = npt.NDArray[np.float64]
 Int64s = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 Records = npt.NDArray[np.void]
+# For kernels, which are compiled for so many dimensions; elsewhere the types above stand for any number of them.
+FloatRows = Annotated[Floats, 2]
+Int64Rows = Annotated[Int64s, 2]
+MaskRows = Annotated[Mask, 2]
 Rows = slice | Int64s | Mask
 """Some rows of arrays: a slice, their indices or a mask."""
 

@@ -6,7 +6,7 @@ Sample after sample, in order of arrival; what comes out are changes of state al
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +14,8 @@ import numpy.typing as npt
 from gcs_bridge.alarms.rated import Rated, Worst
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import CLEARING, PENDING, QUIET, TRANSITIONS, Change, Signal, State
-from gcs_bridge.columns import Floats, Int64s, Records
-from gcs_bridge.jit import Fields, helper, inlined, kernel
+from gcs_bridge.columns import FloatRows, Floats, Int64Rows, Int64s, Records
+from gcs_bridge.jit import helper, inlined, kernel
 
 _STATES, _SIGNALS = tuple(State), tuple(Signal)
 NEXT = np.array([[_STATES.index(TRANSITIONS.get((one, by), one)) for by in _SIGNALS] for one in _STATES])
@@ -75,11 +75,11 @@ _T, _VALUE, _IS_BAD, _IS_LOW, _DETAIL = range(5)  # columns of `recent`; the det
 class Votes(NamedTuple):
     """What kernels are given of the alarms: all arrays, changed in place."""
 
-    alarm: Records  # (n,) ALARM
-    recent: Floats  # (n, counted, 9) a ring of the last samples each
-    short: Int64s  # (k, _SHORT, 3) onset, since and until when an excursion was pending that was taken back
-    signal: Int64s  # (m, 2) frame and place in Signal, those of one alarm together
-    change: Records  # CHANGE, as many as there is room for
+    alarm: Annotated[Records, ALARM]  # (n,)
+    recent: Annotated[Floats, 3]  # (n, counted, 9) a ring of the last samples each
+    short: Annotated[Int64s, 3]  # (k, _SHORT, 3) excursions that were taken back: onset, and from when to when pending
+    signal: Int64Rows  # (m, 2) frame and place in Signal, those of one alarm together
+    change: Annotated[Records, CHANGE]  # as many as there is room for
     changes: Int64s  # (1,) how many there are
 
 
@@ -226,9 +226,8 @@ def _pass_signals(votes, a, frame_index):  # type: ignore[no-untyped-def]  # typ
 
 
 @kernel
-def pass_signals(fields: Fields) -> None:
+def pass_signals(votes: Votes) -> None:
     """Take all signals that no sample followed."""
-    votes = Votes(*fields)
     for a in range(votes.alarm.size):
         if votes.alarm[a].signal < votes.alarm[a].signals:
             _pass_signals(votes, a, np.iinfo(np.int64).max)
@@ -236,10 +235,9 @@ def pass_signals(fields: Fields) -> None:
 
 @kernel
 def vote_all(
-    fields: Fields, a: int, frame_index: Int64s, t_us: Int64s, value: Floats, limit: Floats, detail: Floats
+    votes: Votes, a: int, frame_index: Int64s, t_us: Int64s, value: Floats, limit: Floats, detail: FloatRows
 ) -> None:
     """Give the alarm `a` samples (n,) with their details (n, 5)."""
-    votes = Votes(*fields)
     for i in range(value.size):
         vote(
             votes,
@@ -331,19 +329,19 @@ class Ballot:
         if len(rated):
             frame_index, t_us, value, limit = rated.frame_index, rated.t_boot_us, rated.value, rated.limit
             vote_all(
-                tuple(self.votes(len(rated))),
+                self.votes(len(rated)),
                 self.place_of(spec),
                 frame_index,
                 t_us,
                 value,
-                np.ascontiguousarray(limit),
+                np.array(limit),
                 rated.detail,
             )
 
     def changes(self) -> list[AlarmChange]:
         """What has changed since this was asked last, signals included that no sample followed."""
         if self._signals:
-            pass_signals(tuple(self.votes(0)))
+            pass_signals(self.votes(0))
             self._signals.clear()
             self._votes.alarm["signal"] = self._votes.alarm["signals"] = 0
             self._votes = self._votes._replace(signal=_NO_SIGNALS)

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba.extending import overload
 
 from gcs_bridge.attitude import _rows, dead_reckoning, euler, gravity, kinematics, quaternion
-from gcs_bridge.jit import helper, share
+from gcs_bridge.jit import helper, in_kernels, share
 
 share(
     quaternion.product,
@@ -44,9 +43,9 @@ _LARGEST = _rows.LARGEST
 # What follows carries no types: numba types it anew wherever it is compiled into a kernel.
 
 
-@overload(_rows.where)
-def _where(mask, there, elsewhere):  # type: ignore[no-untyped-def]  # noqa: ARG001  typed by numba
-    return lambda mask, there, elsewhere: there if mask else elsewhere
+@in_kernels(_rows.where)
+def _where(mask, there, elsewhere):  # type: ignore[no-untyped-def]  # typed by numba
+    return there if mask else elsewhere
 
 
 @helper

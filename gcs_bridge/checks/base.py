@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar, Literal, NamedTuple, TypedDict
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypedDict
 
 import numpy as np
 
@@ -16,9 +16,9 @@ from gcs_bridge.alarms.state import Signal
 from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles, note
-from gcs_bridge.columns import Floats, Int64s, Mask, Records
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
 from gcs_bridge.contract import Distribution, Severity, known
-from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings
 from gcs_bridge.telemetry.samples import finite
 
@@ -43,7 +43,7 @@ _WATCHED = np.dtype(
 class Watched(NamedTuple):
     """What a kernel is given to count what it judges."""
 
-    of: Records  # (1,) _WATCHED
+    of: Annotated[Records, _WATCHED]  # (1,) _WATCHED
     value: Floats  # what is to be counted, see Waiting
     waiting: Int64s
 
@@ -64,9 +64,8 @@ def watch(watched, t_us, value, judged):  # type: ignore[no-untyped-def]  # type
 
 
 @kernel
-def watch_all(fields: Fields, t_us: Int64s, value: Floats, judged: Mask) -> None:
+def watch_all(watched: Watched, t_us: Int64s, value: Floats, judged: Mask) -> None:
     """Count samples (n,)."""
-    watched = Watched(*fields)
     for i in range(t_us.size):
         watch(watched, t_us[i], value[i], judged[i])
 
@@ -87,7 +86,7 @@ def is_known(numbers):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @kernel
-def all_known(rows: Floats) -> bool:
+def all_known(rows: FloatRows) -> bool:
     """Whether all samples (n, k) hold numbers only."""
     known = True
     for row in rows:
@@ -254,13 +253,13 @@ class Check(ABC):
             self._alarm_spec("alarm", "alarm", what, delays, id_part=self.name, asks_doctor=asks_doctor),
         )
 
-    def _places(self, ballot: Ballot) -> tuple[int, ...]:
+    def _places(self, ballot: Ballot) -> Int64s:
         """Where its alarms are, in the order of its specs."""
-        return tuple(map(ballot.place_of, self.alarm_specs))
+        return np.array([ballot.place_of(spec) for spec in self.alarm_specs])
 
-    def _watching(self, samples: int) -> Fields:
-        """The fields of `Watched`, with room for so many samples."""
-        return self._watched, *self.residual.room(samples)
+    def _watching(self, samples: int) -> Watched:
+        """What a kernel needs to count so many samples."""
+        return Watched(self._watched, *self.residual.room(samples))
 
     def _watch(self, t_us: Int64s, value: Floats, judged: Mask) -> None:
         """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""

@@ -10,8 +10,8 @@ from gcs_bridge.alarms.votes import Ballot, Votes, vote
 from gcs_bridge.attitude.quaternion import length
 from gcs_bridge.checks.base import Check, Watched, row_at, watch
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Floats, Int64s, Mask
-from gcs_bridge.jit import Fields, kernel
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask
+from gcs_bridge.jit import kernel
 from gcs_bridge.settings import AlarmSettings, BodyRatesSettings
 
 
@@ -37,7 +37,7 @@ class BodyRates(Check):
         pairs = batch.pairs
         if n := len(pairs):
             rate_differences(
-                tuple(ballot.votes(2 * n)),
+                ballot.votes(2 * n),
                 self._watching(n),
                 self._places(ballot),
                 self._limits,
@@ -55,18 +55,17 @@ class BodyRates(Check):
 
 @kernel
 def rate_differences(
-    votes: Fields,
-    watched: Fields,
-    places: tuple[int, ...],
+    votes: Votes,
+    watched: Watched,
+    places: Int64s,
     limits: tuple[float, float],
     frame_index: Int64s,
     t_us: Int64s,
     same_instant: Mask,
-    difference: Floats,
+    difference: FloatRows,
     unsteady: Floats,
 ) -> None:
     """Rate the differences of rates (n, 3), rad/s, each with what is `unsteady` (n,) of it."""
-    votes, watched = Votes(*votes), Watched(*watched)
     for i in range(t_us.size):
         if not same_instant[i]:
             continue

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -21,8 +21,8 @@ from gcs_bridge.checks.base import Check, Numbers, Watched, is_known, row_at
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles, Waiting, note
 from gcs_bridge.checks.windows import Sliding, SlidingSums, slide_in
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, Records
-from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.columns import FloatRows, Floats, FrameColumns, Int64s, Mask, Records
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings, EulerQuaternionSettings
 from gcs_bridge.telemetry.statements import held_at
 
@@ -155,18 +155,18 @@ class EulerQuaternion(Check):
             counted=np.empty(n, np.bool_),
         )
         judge_pairs(
-            tuple(ballot.votes(2 * n)),
+            ballot.votes(2 * n),
             self._watching(n),
-            tuple(self.raw.room(n)),
-            tuple(self.tilt.room(n)),
-            tuple(self.heading.room(n)),
-            tuple(self._sums.room(n)),
+            self.raw.room(n),
+            self.tilt.room(n),
+            self.heading.room(n),
+            self._sums.room(n),
             self._memory,
             self._places(ballot),
-            tuple(self._limits),
+            self._limits,
             batch.ardupilot.steps,
             batch.fixed_wing.steps,
-            (
+            _Pairs(
                 pairs.frame_index,
                 pairs.t_boot_us,
                 pairs.same_instant,
@@ -180,7 +180,7 @@ class EulerQuaternion(Check):
                 pairs.duration_us,
             ),
             pairs.q_euler_sent is pairs.q_euler,
-            (
+            _Found(
                 found.angle,
                 found.tilt,
                 found.heading,
@@ -237,10 +237,10 @@ class _Pairs(NamedTuple):
     frame_index: Int64s
     t_boot_us: Int64s
     same_instant: Mask
-    q_euler: Floats
-    q_quaternion: Floats
-    q_euler_sent: Floats
-    w_nb_b_rad_s: Floats
+    q_euler: FloatRows
+    q_quaternion: FloatRows
+    q_euler_sent: FloatRows
+    w_nb_b_rad_s: FloatRows
     bound_rad: Floats
     after_reset: Mask
     interval_id: Int64s
@@ -253,8 +253,8 @@ class _Found(NamedTuple):
     angle: Floats
     tilt: Floats
     heading: Floats
-    rotvec_body: Floats
-    rotvec_world: Floats
+    rotvec_body: FloatRows
+    rotvec_world: FloatRows
     limit: Floats
     judged: Mask
     counted: Mask
@@ -262,25 +262,23 @@ class _Found(NamedTuple):
 
 @kernel
 def judge_pairs(
-    votes: Fields,
-    watched: Fields,
-    raw: Fields,
-    tilt: Fields,
-    heading: Fields,
-    sums: Fields,
-    memory: Records,
-    places: tuple[int, ...],
-    limits: Fields,
+    votes: Votes,
+    watched: Watched,
+    raw: Waiting,
+    tilt: Waiting,
+    heading: Waiting,
+    sums: Sliding,
+    memory: Annotated[Records, _MEMORY],
+    places: Int64s,
+    limits: _Limits,
     ardupilot: tuple[Int64s, Floats],
     fixed_wing: tuple[Int64s, Floats],
-    pairs: Fields,
+    pairs: _Pairs,
     as_sent: bool,
-    found: Fields,
+    found: _Found,
 ) -> None:
     """Compare pairs in order of arrival, rate and count them; fill `found`. `as_sent`: nothing was undone in them."""
-    votes, watched, sums, of = Votes(*votes), Watched(*watched), Sliding(*sums), memory[0]
-    raw, tilt, heading = Waiting(*raw), Waiting(*tilt), Waiting(*heading)
-    limits, pairs, found = _Limits(*limits), _Pairs(*pairs), _Found(*found)
+    of = memory[0]
     for i in range(pairs.t_boot_us.size):
         _compare(pairs, i, found)
         _tell(pairs, i, limits, of, found)

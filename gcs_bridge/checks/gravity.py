@@ -5,20 +5,20 @@ In flight an accelerometer feels every force but gravity, so there only gross di
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from msgspec.structs import replace
 
 from gcs_bridge.alarms.votes import Ballot, Votes, vote
-from gcs_bridge.attitude.compiled import is_at_rest, new_rest, ray_at, vector_at
+from gcs_bridge.attitude.compiled import REST, is_at_rest, new_rest, ray_at, vector_at
 from gcs_bridge.attitude.gravity import down_felt, down_of, tilt_felt
 from gcs_bridge.attitude.quaternion import cross, exponential, length, product
 from gcs_bridge.checks.base import NO_DETAIL, ImuCheck, Watched, is_known, watch
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.windows import Sliding, SlidingSums, slide_in
-from gcs_bridge.columns import Floats, Int64s, Mask, Records
-from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings, GravitySettings
 from gcs_bridge.telemetry.statements import held_at
 
@@ -71,13 +71,13 @@ class Gravity(ImuCheck):
         seen = batch.imu_with_attitude
         if n := len(seen):
             rate_downs(
-                tuple(ballot.votes(3 * n)),
-                tuple(self._watching(n)),
+                ballot.votes(3 * n),
+                self._watching(n),
                 self._places(ballot),
                 self._limits,
                 self._state,
                 self._rest,
-                tuple(self._sums.room(n)),
+                self._sums.room(n),
                 batch.fixed_wing.steps,
                 seen.frame_index,
                 seen.t_boot_us,
@@ -98,32 +98,32 @@ class Gravity(ImuCheck):
 
 @kernel
 def rate_downs(
-    votes: Fields,
-    watched: Fields,
-    places: tuple[int, ...],
+    votes: Votes,
+    watched: Watched,
+    places: Int64s,
     limits: tuple[float, float, float],
-    states: Records,
-    rest: Records,
-    sums: Fields,
+    states: Annotated[Records, _STATE],
+    rests: Annotated[Records, REST],
+    sums: Sliding,
     fixed_wing: tuple[Int64s, Floats],
     frame_index: Int64s,
     t_us: Int64s,
-    f_b: Floats,
-    w_b: Floats,
-    w1_b: Floats,
-    trim_b: Floats,
+    f_b: FloatRows,
+    w_b: FloatRows,
+    w1_b: FloatRows,
+    trim_b: FloatRows,
     may_rest: Mask,
-    q_nb: Floats,
+    q_nb: FloatRows,
 ) -> None:
     """Rate the accelerometer's down at samples (n,) with the attitude at their times."""
-    votes, watched, sums, state = Votes(*votes), Watched(*watched), Sliding(*sums), states[0]
+    state = states[0]
     for i in range(t_us.size):
         if not is_known(f_b[i]):
             continue
         force, rates = vector_at(f_b, i), vector_at(w_b, i) if is_known(w_b[i]) else vector_at(w1_b, i)
         q, norm2 = _before_trim(q_nb, trim_b, i)
-        down, rests = down_of(q, norm2), is_at_rest(rest[0], t_us[i] * 1e-6, force, rates, may_rest[i])
-        angle = tilt_felt(q, norm2, force) if rests else np.nan
+        down, resting = down_of(q, norm2), is_at_rest(rests[0], t_us[i] * 1e-6, force, rates, may_rest[i])
+        angle = tilt_felt(q, norm2, force) if resting else np.nan
         watch(watched, t_us[i], angle, np.isfinite(angle))
         _, since_us = slide_in(sums, t_us[i], (force[0], force[1], force[2], down[0], down[1], down[2]))
         if _is_loud(state, rates, down, held_at(fixed_wing, frame_index[i]) == 1.0):

@@ -7,7 +7,7 @@ the difference is followed slowly, and only what comes on top of it counts.
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -16,8 +16,8 @@ from gcs_bridge.attitude.quaternion import length
 from gcs_bridge.checks.base import ImuCheck, Watched, is_known, watch
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.windows import new_turning, told_by_rates
-from gcs_bridge.columns import Floats, Int64s, Records
-from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Records
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings, GyroSettings
 
 _BLOCK_US = 10_000_000  # after so long, the lag between the clocks is estimated anew
@@ -79,8 +79,8 @@ class Gyro(ImuCheck):
         seen = batch.imu_with_attitude
         if n := len(seen):
             rate_gyro(
-                tuple(ballot.votes(2 * n)),
-                tuple(self._watching(n)),
+                ballot.votes(2 * n),
+                self._watching(n),
                 self._places(ballot),
                 self._limits,
                 self._state,
@@ -103,22 +103,22 @@ class Gyro(ImuCheck):
 
 @kernel
 def rate_gyro(
-    votes: Fields,
-    watched: Fields,
-    places: tuple[int, ...],
+    votes: Votes,
+    watched: Watched,
+    places: Int64s,
     limits: tuple[float, float],
-    states: Records,
+    states: Annotated[Records, _STATE],
     turning: Floats,
     frame_index: Int64s,
     t_us: Int64s,
-    w: Floats,
-    w0: Floats,
-    w1: Floats,
+    w: FloatRows,
+    w0: FloatRows,
+    w1: FloatRows,
     gap_s: Floats,
     place: Floats,
 ) -> None:
     """Rate a gyro's samples `w` (n, 3), each at its place (n,) between two rates of the attitude, rad/s."""
-    votes, watched, state = Votes(*votes), Watched(*watched), states[0]
+    state = states[0]
     for i in range(t_us.size):
         if not is_known(w[i]) or not _is_told(state, turning, w0[i], w1[i], gap_s[i]):
             continue

@@ -18,8 +18,8 @@ from gcs_bridge.attitude.quaternion import length
 from gcs_bridge.checks.base import Check, Watched, row_at, watch
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.windows import Sliding, SlidingSums, new_turning, slide_in, told_by_rates
-from gcs_bridge.columns import Floats, Int64s, Mask
-from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.pairing.steps import Steps
 from gcs_bridge.settings import AlarmSettings, KinematicsSettings
 from gcs_bridge.telemetry.samples import STREAMS
@@ -82,18 +82,18 @@ class Kinematics(Check):
         """Rate every step of both streams."""
         n = sum(map(len, batch.steps))
         if n:
-            votes, places = ballot.votes(2 * n), self._places(ballot)
+            places = self._places(ballot)
             euler, quaternion = (
-                (
+                _Stream(
                     places[2 * k : 2 * k + 2],
                     self._turning[k],
                     self._denied[k : k + 1],
-                    tuple(self._sums[k].room(len(steps))),
-                    _fields(steps),
+                    self._sums[k].room(len(steps)),
+                    _columns(steps),
                 )
                 for k, steps in enumerate(batch.steps)
             )
-            judge_steps(tuple(votes), self._watching(n), tuple(self._limits), euler, quaternion)
+            judge_steps(ballot.votes(2 * n), self._watching(n), self._limits, euler, quaternion)
 
     def why_not(self) -> str:
         """Why nothing was judged."""
@@ -106,16 +106,16 @@ class _Steps(NamedTuple):
     frame_index: Int64s
     t0_us: Int64s
     t1_us: Int64s
-    w0_b_rad_s: Floats
-    w1_b_rad_s: Floats
-    turn_b_rad: Floats
+    w0_b_rad_s: FloatRows
+    w1_b_rad_s: FloatRows
+    turn_b_rad: FloatRows
     rate_residual_rad: Floats
     limit_rad: Floats
     contradicts_rates: Mask
 
 
-def _fields(steps: Steps) -> Fields:
-    return (
+def _columns(steps: Steps) -> _Steps:
+    return _Steps(
         steps.frame_index,
         steps.t0_us,
         steps.t1_us,
@@ -131,7 +131,7 @@ def _fields(steps: Steps) -> Fields:
 class _Stream(NamedTuple):
     """One stream: its alarms, what is remembered of it, its steps."""
 
-    places: tuple[int, int]  # of the alarm of its steps, and of the one of its slope
+    places: Int64s  # (2,) of the alarm of its steps, and of the one of its slope
     turning: Floats
     denied: Mask  # (1,) whether its rates denied the last step
     sums: Sliding
@@ -139,10 +139,8 @@ class _Stream(NamedTuple):
 
 
 @kernel
-def judge_steps(votes: Fields, watched: Fields, limits: Fields, euler: Fields, quaternion: Fields) -> None:
+def judge_steps(votes: Votes, watched: Watched, limits: _SlopeLimits, one: _Stream, other: _Stream) -> None:
     """Rate the steps of both streams in order of arrival; of one frame, the Euler angles' first."""
-    votes, watched, limits = Votes(*votes), Watched(*watched), _SlopeLimits(*limits)
-    one, other = _stream(euler), _stream(quaternion)
     first, second = one.steps.frame_index, other.steps.frame_index
     i = j = np.int64(0)  # a plain 0 is a type of its own: numba would compile all that follows for that too
     while i < first.size or j < second.size:
@@ -155,12 +153,6 @@ def judge_steps(votes: Fields, watched: Fields, limits: Fields, euler: Fields, q
 
 
 # Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
-
-@helper
-def _stream(fields):  # type: ignore[no-untyped-def]  # typed by numba
-    places, turning, denied, sums, steps = fields
-    return _Stream(places, turning, denied, Sliding(*sums), _Steps(*steps))
 
 
 @helper

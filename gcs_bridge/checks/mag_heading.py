@@ -7,7 +7,7 @@ healthy aircraft.
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from gcs_bridge.attitude.gravity import down_of
 from gcs_bridge.attitude.quaternion import length, turned
 from gcs_bridge.checks.base import Check, Watched, watch
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Floats, Int64s, Records
-from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.columns import FloatRows, Int64s, Records
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.pairing.seen import rates_of
 from gcs_bridge.settings import MagHeadingSettings
 
@@ -71,7 +71,7 @@ class MagHeading(Check):
         seen = batch.imu_with_attitude
         if n := len(seen):
             follow_difference(
-                tuple(self._watching(n)),
+                self._watching(n),
                 self._state,
                 seen.t_boot_us,
                 seen.m_b_gauss,
@@ -93,9 +93,16 @@ class MagHeading(Check):
 
 
 @kernel
-def follow_difference(watched: Fields, states: Records, t_us: Int64s, field_b: Floats, q_nb: Floats, w: Floats) -> None:
+def follow_difference(
+    watched: Watched,
+    states: Annotated[Records, _STATE],
+    t_us: Int64s,
+    field_b: FloatRows,
+    q_nb: FloatRows,
+    w: FloatRows,
+) -> None:
     """Follow the compass's difference at samples (n,) with their attitude; `w` (n, 3) are its rates."""
-    watched, state = Watched(*watched), states[0]
+    state = states[0]
     for i in range(t_us.size):
         field = vector_at(field_b, i)
         if not length(field) > _LEAST_GAUSS:

@@ -9,8 +9,8 @@ import numpy as np
 from gcs_bridge.alarms.votes import Ballot, Votes, vote
 from gcs_bridge.checks.base import NO_DETAIL, Check, Watched, is_known, watch
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Floats, Int64s
-from gcs_bridge.jit import Fields, kernel
+from gcs_bridge.columns import FloatRows, Int64s
+from gcs_bridge.jit import kernel
 from gcs_bridge.settings import AlarmSettings, QuaternionNormSettings
 
 
@@ -36,7 +36,7 @@ class QuaternionNorm(Check):
         came = batch.quaternion
         if n := len(came):
             rate_norms(
-                tuple(ballot.votes(2 * n)),
+                ballot.votes(2 * n),
                 self._watching(n),
                 self._places(ballot),
                 self._limits,
@@ -52,16 +52,15 @@ class QuaternionNorm(Check):
 
 @kernel
 def rate_norms(
-    votes: Fields,
-    watched: Fields,
-    places: tuple[int, ...],
+    votes: Votes,
+    watched: Watched,
+    places: Int64s,
     limits: tuple[float, float],
     frame_index: Int64s,
     t_us: Int64s,
-    q: Floats,
+    q: FloatRows,
 ) -> None:
     """Rate the norms of quaternions (n, 4)."""
-    votes, watched = Votes(*votes), Watched(*watched)
     for i in range(t_us.size):
         w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
         off = abs(np.sqrt(w * w + x * x + y * y + z * z) - 1.0)

@@ -6,7 +6,7 @@ at any time. A second estimate that never agreed (without a compass its yaw does
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import msgspec
 import numpy as np
@@ -17,9 +17,9 @@ from gcs_bridge.attitude.gravity import down_of
 from gcs_bridge.attitude.quaternion import conjugated, length, logarithm, product, tilt_heading_of
 from gcs_bridge.checks.base import NO_DETAIL, Check, Watched, watch
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Floats, Int64s, Mask, Records
+from gcs_bridge.columns import FloatRows, Int64s, Mask, Records
 from gcs_bridge.contract import Severity
-from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.pairing.seen import (
     ATTITUDE_WIDTH,
     Series,
@@ -125,20 +125,20 @@ class SecondaryEstimate(Check):
             self._series = self._series.with_room(n)
         if not len(second) and not (n and self._waiting.n):
             if n:
-                follow_quiet(self._states, tuple(self._series), *attitude)
+                follow_quiet(self._states, self._series, *attitude)
             return
         self._came |= bool(second.valid.any())
         self._waiting = self._waiting.with_room(len(second))
         answers = self._waiting.n + len(second)
         compare_estimates(
-            tuple(ballot.votes(6 * answers)),
-            tuple(self._watching(answers)),
+            ballot.votes(6 * answers),
+            self._watching(answers),
             self._places(ballot),
             self._limits,
             self._max_gap_us,
             self._states,
-            tuple(self._series),
-            tuple(self._waiting),
+            self._series,
+            self._waiting,
             attitude,
             (second.frame_index, second.t_boot_us, second.q_nb, second.gap_us, second.valid),
         )
@@ -170,29 +170,29 @@ class SecondaryEstimate(Check):
 
 
 @kernel
-def follow_quiet(states: Records, series: Fields, frame_index: Int64s, t_us: Int64s, rows: Floats) -> None:
+def follow_quiet(
+    states: Annotated[Records, _STATE], series: Series, frame_index: Int64s, t_us: Int64s, rows: FloatRows
+) -> None:
     """Take attitudes (n,) while there is nothing to compare with them."""
-    series = Series(*series)
     for i in range(t_us.size):
         _follow_quiet(states[0], series, frame_index, t_us, rows, i)
 
 
 @kernel
 def compare_estimates(
-    votes: Fields,
-    watched: Fields,
-    places: tuple[int, ...],
-    limits: tuple[float, ...],
+    votes: Votes,
+    watched: Watched,
+    places: Int64s,
+    limits: tuple[float, float, float, float, float, float],
     max_gap_us: int,
-    states: Records,
-    series: Fields,
-    waiting: Fields,
-    first: tuple[Int64s, Int64s, Floats],
-    second: tuple[Int64s, Int64s, Floats, Int64s, Mask],
+    states: Annotated[Records, _STATE],
+    series: Series,
+    waiting: Waiting,
+    first: tuple[Int64s, Int64s, FloatRows],
+    second: tuple[Int64s, Int64s, FloatRows, Int64s, Mask],
 ) -> None:
     """Take attitudes (n,) and AHRS2 (m,) in order of arrival, and compare what can be compared by then."""
-    votes, watched, state = Votes(*votes), Watched(*watched), states[0]
-    series, waiting = Series(*series), Waiting(*waiting)
+    state = states[0]
     frame_index, t_us, rows = first
     second_frame_index, second_us, second_q, gap_us, valid = second
     n = asked = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -13,8 +13,8 @@ from gcs_bridge.alarms.votes import Ballot, Votes, vote
 from gcs_bridge.attitude.quaternion import angle_of, conjugated, product
 from gcs_bridge.checks.base import NO_DETAIL, Check, Watched, is_known, watch
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Floats, Int64s, Records
-from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.columns import FloatRows, Int64Rows, Int64s, Records
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings, StreamSettings
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.statements import ParameterSet
@@ -90,9 +90,9 @@ class Messages(NamedTuple):
     period_us: Int64s
     lost: Int64s
     received: Int64s
-    euler_rpy_rad: Floats  # as sent
-    euler_q_nb: Floats
-    quaternion_q_nb: Floats
+    euler_rpy_rad: FloatRows  # as sent
+    euler_q_nb: FloatRows
+    quaternion_q_nb: FloatRows
 
 
 # Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
@@ -230,14 +230,14 @@ def _interval_s(vehicle, t_us):  # type: ignore[no-untyped-def]  # typed by numb
 
 @kernel
 def follow(
-    fields: Fields, silences: Int64s, transfers: Int64s, streams: Records, vehicles: Records,
-    places: tuple[int, ...], ballot: Fields, watching: Fields,
+    messages: Messages, silences: Int64Rows, transfers: Int64s, streams: Annotated[Records, _STREAM],
+    vehicles: Annotated[Records, _VEHICLE], places: Int64s, votes: Votes, watched: Watched,
 ) -> None:  # fmt: skip
     """Follow a vehicle's timed messages, and silences (m, 4) that came between, in order of arrival.
 
     A silence is told behind the message of its frame. `transfers` (k,): the frames of parameters.
     """
-    messages, votes, watched, vehicle = Messages(*fields), Votes(*ballot), Watched(*watching), vehicles[0]
+    vehicle = vehicles[0]
     streams[0].row = streams[1].row = 0
     n = told = 0
     while n < messages.t_us.size or told < silences.shape[0]:
@@ -380,14 +380,14 @@ class StreamCheck(Check):
         silences, n = _silences(turns), len(messages.t_us)
         if n or len(silences):
             follow(
-                tuple(messages),
+                messages,
                 silences,
                 self._transfers,
                 self._streams,
                 self._vehicle,
                 self._places(ballot),
-                tuple(ballot.votes(5 * n + len(silences))),
-                tuple(self._watching(n)),
+                ballot.votes(5 * n + len(silences)),
+                self._watching(n),
             )
 
     def why_not(self) -> str:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from gcs_bridge.checks.base import length
-from gcs_bridge.columns import Floats, Int64s, Mask
-from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask
+from gcs_bridge.jit import helper, kernel
 
 _LATELY = 4  # gaps before this one
 _TOLD_RAD = math.radians(20.0)
@@ -29,7 +29,7 @@ class Sliding(NamedTuple):
 
     of: Int64s  # (3,) how long the window is, µs; the samples from `first` up to `end` are in it
     t_us: Int64s  # (room,) of each sample
-    before: Floats  # (room + 1, width) the running sum, from the boot on, before each
+    before: FloatRows  # (room + 1, width) the running sum, from the boot on, before each
     sums: Floats  # (width,) of the samples in the window
 
 
@@ -125,14 +125,13 @@ class SlidingSums:
         """Take samples in order of time; per sample the sums, how many they are of, and since when, µs."""
         n = len(t_us)
         sums, count, since_us = np.empty_like(rows), np.empty(n, np.int64), np.empty(n, np.int64)
-        slide(tuple(self.room(n)), t_us, rows, sums, count, since_us)
+        slide(self.room(n), t_us, rows, sums, count, since_us)
         return sums, count, since_us
 
 
 @kernel
-def slide(fields: Fields, t_us: Int64s, rows: Floats, sums: Floats, count: Int64s, since_us: Int64s) -> None:
+def slide(sliding: Sliding, t_us: Int64s, rows: FloatRows, sums: FloatRows, count: Int64s, since_us: Int64s) -> None:
     """Fill the sums of `rows` (n, k)."""
-    sliding = Sliding(*fields)
     for i in range(t_us.size):
         count[i], since_us[i] = slide_in(sliding, t_us[i], rows[i])
         for column in range(rows.shape[1]):

@@ -172,11 +172,10 @@ class LiveRun:
 def _warm_up(settings: Settings, dialect: str) -> None:
     """Judge some of the bundled recording and forget it, so that nothing is loaded or compiled once data come."""
     from gcs_bridge import resources
-    from gcs_bridge.jit import needs_compiling
+    from gcs_bridge.jit import prepare
     from gcs_bridge.judging.monitor import Monitor
 
-    if needs_compiling("gcs_bridge"):
-        _note("compiling its kernels, once on this machine (some seconds)")
+    prepare("gcs_bridge")
     with resources.demo_recording().open("rb") as recording:
         Monitor(settings=settings, dialect=dialect).feed_recording(recording.read(_WARM_UP_BYTES))
 

@@ -5,14 +5,14 @@ What disagrees, or makes something known for the first time, is looked at by `vi
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from gcs_bridge.attitude.compiled import ray_at, vector_of
 from gcs_bridge.attitude.euler import quaternion_of_rpy
 from gcs_bridge.attitude.quaternion import angle_of, conjugated, exponential, product
-from gcs_bridge.columns import Floats, Int64s, Mask, Records
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
 from gcs_bridge.expected.pairs import (
     BANK_RAD,
     IN_A_ROW,
@@ -26,7 +26,7 @@ from gcs_bridge.expected.pairs import (
     EulerRows,
     QuaternionRows,
 )
-from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.jit import helper, kernel
 
 
 class Expectation(NamedTuple):
@@ -62,7 +62,7 @@ class Rows(NamedTuple):
     held: Int64s  # (1,) how many there were
     frame_index: Int64s  # (room,)
     t_us: Int64s
-    numbers: Floats  # (room, 7)
+    numbers: FloatRows  # (room, 7)
 
 
 class Tails(NamedTuple):
@@ -79,8 +79,8 @@ class Samples(NamedTuple):
 
     frame_index: Int64s
     t_us: Int64s
-    numbers: Floats  # (n, 3) roll, pitch, yaw, or (n, 4) w, x, y, z, as sent
-    w_b_rad_s: Floats
+    numbers: FloatRows  # (n, 3) roll, pitch, yaw, or (n, 4) w, x, y, z, as sent
+    w_b_rad_s: FloatRows
     valid: Mask
 
 
@@ -244,16 +244,13 @@ def _take_pair(expected, tails, learnt, frame_index, t_us, rpy, r, q, i):  # typ
 
 @kernel
 def pass_quietly(
-    euler_fields: Fields, quaternion_fields: Fields, expectation: Fields, tail_fields: Fields, learns: Records,
+    euler: Samples, quaternion: Samples, expected: Expectation, tails: Tails, learns: Annotated[Records, LEARNT],
     passed: Int64s,
 ) -> None:  # fmt: skip
     """Take samples of both streams, in order of arrival, up to the first that completes a pair which is news.
 
     `passed` (2,): from which sample of each stream on, and then up to which they were taken.
     """
-    euler, quaternion, expected = Samples(*euler_fields), Samples(*quaternion_fields), Expectation(*expectation)
-    of_euler, of_quaternion, recent, sparse = tail_fields
-    tails = Tails(Rows(*of_euler), Rows(*of_quaternion), Rows(*recent), Rows(*sparse))
     learnt = learns[0]
     e, q = passed[0], passed[1]
     while e < euler.t_us.size or q < quaternion.t_us.size:

@@ -226,8 +226,7 @@ class Expected:
             fill_tails(self._tails, self._euler, self._quaternion, forward.recent, forward.sparse)
             self._tails_hold = True
         passed = np.array(done)
-        samples = tuple(_euler_of(euler)), tuple(_quaternion_of(quaternion))
-        pass_quietly(*samples, tuple(expectation), tuple(map(tuple, self._tails)), forward.learnt, passed)
+        pass_quietly(_euler_of(euler), _quaternion_of(quaternion), expectation, self._tails, forward.learnt, passed)
         e, q = passed.tolist()
         if e > done[0]:
             self._done = max(self._done, int(euler.frame_index[e - 1]))

@@ -12,6 +12,7 @@ import os
 import socket
 import sys
 import time
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
@@ -92,9 +93,9 @@ class DatagramReader:
 
 @kernel
 def _gather(
-    messages: Records,
-    control: Records,
-    slots: npt.NDArray[np.uint8],
+    messages: Annotated[Records, _MESSAGE],
+    control: Annotated[Records, _CONTROL],
+    slots: Annotated[npt.NDArray[np.uint8], 2],
     fetched: int,
     now_us: int,
     data: npt.NDArray[np.uint8],

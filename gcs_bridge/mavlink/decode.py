@@ -6,6 +6,7 @@ What the wire cut off a payload (trailing zeros) is zero again. What a field mea
 from __future__ import annotations
 
 from functools import cache
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
@@ -56,7 +57,7 @@ def offsets(message: Message, *fields: str) -> Int64s:
 
 
 @kernel
-def gather(buf: Bytes, payload: npt.NDArray[np.int32], length: npt.NDArray[np.int32], out: Bytes) -> None:
+def gather(buf: Bytes, payload: npt.NDArray[np.int32], length: npt.NDArray[np.int32], out: Annotated[Bytes, 2]) -> None:
     """Copy each payload into its row of `out`."""
     size = out.shape[1]
     for row in range(payload.size):

@@ -6,16 +6,23 @@ Knows nothing of bytes on a wire. The tables are pymavlink's own, so both always
 from __future__ import annotations
 
 import importlib
+import importlib.util
+import marshal
 import pkgutil
-from collections.abc import Iterator
+import sys
+import zlib
 from dataclasses import dataclass
 from functools import cache
-from itertools import accumulate
+from itertools import accumulate, chain
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from gcs_bridge import cache as files_kept
+
+_FORM = 1  # of what is kept
 # MAVLink's wire types as little-endian numpy types (mavlink.io, guide/serialization.html).
 _WIRE_TYPES = {
     "char": "S1",
@@ -57,26 +64,41 @@ class Message:
     dtype: np.dtype[np.void]
 
 
+class Definition(NamedTuple):
+    """One message, as pymavlink defines it."""
+
+    msgid: int
+    crc_extra: int
+    size: int  # bytes of the whole payload
+    fields: tuple[tuple[str, str, int], ...]  # name, numpy's type, and array length or 0, in wire order
+
+
+Definitions = dict[str, tuple[int, int, int, tuple[tuple[str, str, int], ...]]]
+"""`Definition` of each message by its name: of plain tuples, which are quickly loaded."""
+Enums = dict[str, dict[int, str]]
+"""The names of each enum's values."""
+
+
 class Dialect:
     """A named set of messages: `dialect["ATTITUDE"]` is a `Message`; KeyError where it defines no such message."""
 
-    def __init__(self, name: str, classes: dict[int, Any], enums: dict[str, dict[int, Any]]) -> None:
-        """Take pymavlink's message classes by id, and its enums."""
+    def __init__(self, name: str, definitions: Definitions, enums: Enums) -> None:
+        """Take what pymavlink says."""
         self.name = name
         self._enums = enums
-        self._class_of_name = {message.msgname: message for message in classes.values()}
-        self._name_of_id = {message.id: str(message.msgname) for message in classes.values()}
-        row_of_id = np.full(max(classes) + 1, -1, np.int16)
-        row_of_id[list(classes)] = np.arange(len(classes))
-        seeds = np.array([message.crc_extra for message in classes.values()], np.uint8)
-        field_end = np.full((len(classes), 256), BEYOND, np.uint8)
-        for row, message in enumerate(classes.values()):
-            field_end[row, : message.unpacker.size] = WITHIN
-            field_end[row, _field_ends(message)] = FIELD_END
+        self._definitions = {message: Definition(*told) for message, told in definitions.items()}
+        self._name_of_id = {told.msgid: message for message, told in self._definitions.items()}
+        row_of_id = np.full(max(self._name_of_id) + 1, -1, np.int16)
+        row_of_id[list(self._name_of_id)] = np.arange(len(definitions))
+        seeds = np.array([told.crc_extra for told in self._definitions.values()], np.uint8)
+        sizes = np.array([told.size for told in self._definitions.values()])
+        ends = [_field_ends(told) for told in self._definitions.values()]
+        field_end = np.where(np.arange(256) < sizes[:, None], WITHIN, BEYOND).astype(np.uint8)
+        field_end[np.repeat(np.arange(len(ends)), list(map(len, ends))), list(chain(*ends))] = FIELD_END
         self.tables = Tables(row_of_id, seeds, field_end)
 
     def __contains__(self, name: str) -> bool:
-        return name in self._class_of_name
+        return name in self._definitions
 
     def name_of(self, msgid: int) -> str | None:
         """Name of the message with this id, None where the dialect defines none."""
@@ -85,50 +107,82 @@ class Dialect:
     def enum_name(self, enum: str, value: int) -> str:
         """Name of an enum's value, in lower case and without the enum's own name; "unknown" where it has none."""
         entry = self._enums.get(enum, {}).get(value)
-        return entry.name.removeprefix(f"{enum}_").lower() if entry else "unknown"
+        return entry.removeprefix(f"{enum}_").lower() if entry else "unknown"
 
     @cache  # noqa: B019  dialects live as long as the process: load_dialect keeps them
     def __getitem__(self, name: str) -> Message:
-        message = self._class_of_name[name]
-        return Message(name, message.id, message.crc_extra, _layout(message))
+        told = self._definitions[name]
+        return Message(name, told.msgid, told.crc_extra, _layout(name, told))
 
 
-def _fields(message: Any) -> Iterator[tuple[str, str, int]]:
-    """(name, numpy type, array length or 0) of each field of pymavlink's class `message`, in wire order."""
-    wire_type = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
-    for name, count in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
-        yield name, _WIRE_TYPES[wire_type[name]], count
-
-
-def _field_ends(message: Any) -> list[int]:
+def _field_ends(message: Definition) -> list[int]:
     """The payload's length up to and with each field."""
-    return list(accumulate(int(base[-1]) * max(count, 1) for _, base, count in _fields(message)))
+    return list(accumulate(int(base[-1]) * max(count, 1) for _, base, count in message.fields))
 
 
-def _layout(message: Any) -> np.dtype[np.void]:
-    """The payload of pymavlink's class `message` as a dtype."""
+def _layout(name: str, message: Definition) -> np.dtype[np.void]:
+    """The payload as a dtype."""
     fields: list[Any] = []
-    for name, base, count in _fields(message):
+    for field, base, count in message.fields:
         if base == "S1":
-            fields.append((name, f"S{max(count, 1)}"))
+            fields.append((field, f"S{max(count, 1)}"))
         else:
-            fields.append((name, base, (count,)) if count else (name, base))
+            fields.append((field, base, (count,)) if count else (field, base))
     layout = np.dtype(fields)
-    if layout.itemsize != message.unpacker.size:
-        raise ValueError(f"{message.msgname} has {layout.itemsize} bytes here, {message.unpacker.size} in pymavlink")
+    if layout.itemsize != message.size:
+        raise ValueError(f"{name} has {layout.itemsize} bytes here, {message.size} in pymavlink")
     return layout
 
 
 @cache
 def load_dialect(name: str = "all") -> Dialect:
-    """The dialect `name` of the installed pymavlink (MAVLink 2); ValueError where pymavlink has none of that name."""
+    """The dialect `name` of the installed pymavlink (MAVLink 2); ValueError where pymavlink has none of that name.
+
+    Pymavlink's module takes long to load, as it holds much more; so what is needed of it is kept from run to run.
+    """
+    kept_as = _kept_as(name)
+    kept = None if kept_as is None else files_kept.read(kept_as)
+    if kept is not None:
+        return Dialect(name, *marshal.loads(kept))  # noqa: S302  nobody else can have written it
+    definitions, enums = _read_pymavlink(name)
+    if kept_as is not None:
+        files_kept.write(kept_as, marshal.dumps((definitions, enums)))
+    return Dialect(name, definitions, enums)
+
+
+def _kept_as(name: str) -> str | None:
+    """The name under which a dialect is kept: another one for whatever file of pymavlink it is from."""
+    package = importlib.util.find_spec("pymavlink")
+    if package is None or package.origin is None or not name.isidentifier():
+        return None
+    module = Path(package.origin).parent / "dialects" / "v20" / f"{name}.py"
+    try:
+        status = module.stat()
+    except OSError:
+        return None
+    made_of = f"{_FORM} {marshal.version} {sys.version} {module} {status.st_mtime_ns} {status.st_size}"
+    return f"dialect.{name}-{zlib.crc32(made_of.encode()):08x}"
+
+
+def _read_pymavlink(name: str) -> tuple[Definitions, Enums]:
+    """What pymavlink's module says; ValueError where there is none."""
     try:
         if not name.isidentifier():
             raise ModuleNotFoundError
         module = importlib.import_module(f"pymavlink.dialects.v20.{name}")
-        return Dialect(name, module.mavlink_map, module.enums)
+        definitions = {str(message.msgname): _definition(message) for message in module.mavlink_map.values()}
+        enums = {enum: {value: entry.name for value, entry in of.items()} for enum, of in module.enums.items()}
+        return definitions, enums
     except (ModuleNotFoundError, AttributeError) as error:
         raise ValueError(f"unknown dialect {name!r}: the installed pymavlink has {', '.join(_names())}") from error
+
+
+def _definition(message: Any) -> tuple[int, int, int, tuple[tuple[str, str, int], ...]]:
+    """Of pymavlink's class `message`."""
+    wire_type = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
+    in_wire_order = zip(message.ordered_fieldnames, message.array_lengths, strict=True)
+    fields = tuple((name, _WIRE_TYPES[wire_type[name]], count) for name, count in in_wire_order)
+    return message.id, message.crc_extra, message.unpacker.size, fields
 
 
 def _names() -> list[str]:

@@ -17,12 +17,12 @@ Nothing is decided before the bytes that decide it are there: what comes out doe
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.jit import helper, kernel
 from gcs_bridge.mavlink.dialect import BEYOND, WITHIN
 
 Bytes = npt.NDArray[np.uint8]
@@ -41,7 +41,7 @@ FRAME = np.dtype(
         ("lost", "i8"),  # frames of this system and component that the sequence numbers miss so far
     ]
 )
-Frames = npt.NDArray[np.void]
+Frames = Annotated[npt.NDArray[np.void], FRAME]
 # What stands at a place of the buffer.
 _NO_FRAME, _MORE, _GOOD, _BAD_CRC, _UNKNOWN = 0, 1, 2, 3, 4
 _V1, _V2 = 0xFE, 0xFD
@@ -66,8 +66,8 @@ class Components(NamedTuple):
     last_seq: npt.NDArray[np.int16]
     late_seq: npt.NDArray[np.int16]
     lost: npt.NDArray[np.int64]
-    seen_hash: npt.NDArray[np.uint64]  # (slot, seq): the last frame with this sequence number
-    seen_us: npt.NDArray[np.int64]
+    seen_hash: Annotated[npt.NDArray[np.uint64], 2]  # (slot, seq): the last frame with this sequence number
+    seen_us: Annotated[npt.NDArray[np.int64], 2]
 
 
 def _crc_tables() -> npt.NDArray[np.uint16]:
@@ -423,18 +423,17 @@ def scan_kernel(
     timed: bool,
     row_of_id: npt.NDArray[np.int16],
     crc_extra: npt.NDArray[np.uint8],
-    field_end: npt.NDArray[np.uint8],
+    field_end: Annotated[npt.NDArray[np.uint8], 2],
     counts: npt.NDArray[np.int64],
-    component_fields: Fields,
+    components: Components,
     frames: Frames,
-    gaps: npt.NDArray[np.int64],
+    gaps: Annotated[npt.NDArray[np.int64], 2],
 ) -> tuple[int, int]:
     """Scan `buf`, whose first byte has the offset `base`; return (frames, gaps) found, by the module's rules.
 
     It holds chunks up to their `ends`, received at `t_rx_us`. `whole`: nothing goes on behind any of them; `final`:
     behind the last.
     """
-    components = Components(*component_fields)
     n_frames = 0
     n_gaps = 0
     for chunk in range(ends.size):

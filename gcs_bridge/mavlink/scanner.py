@@ -169,7 +169,7 @@ class Scanner:
             self._timed,
             *self._tables,
             counts,
-            tuple(self._components),
+            self._components,
             frames,
             gaps,
         )

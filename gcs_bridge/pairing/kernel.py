@@ -6,7 +6,7 @@ So what is paired, and what a pair is worth, cannot depend on how the samples we
 from __future__ import annotations
 
 from math import radians
-from typing import NamedTuple, TypeVar
+from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from gcs_bridge.attitude._rows import where
 from gcs_bridge.attitude.compiled import put, unit_at, vector_of
 from gcs_bridge.attitude.kinematics import interpolated
 from gcs_bridge.attitude.quaternion import angle_of, conjugated, length, product
-from gcs_bridge.columns import Floats, Int64s, Mask
-from gcs_bridge.jit import Fields, helper, kernel, share
+from gcs_bridge.columns import FloatRows, Floats, Int64Rows, Int64s, Mask, MaskRows
+from gcs_bridge.jit import helper, kernel, share
 from gcs_bridge.pairing.bounds import (
     KIN_PER_CHANGE,
     KIN_PER_TURN,
@@ -50,15 +50,15 @@ UNKNOWN = -1
 class PairState(NamedTuple):
     """What the pairing remembers within one boot."""
 
-    of: Int64s  # (2, 8) counters, see above
+    of: Int64Rows  # (2, 8) counters, see above
     slower: Int64s  # (1,)
-    time: Int64s  # (2, room) by position; the room is a power of two and grows up to RING
-    rows: Floats  # (2, room, 14) by position
-    latest: Floats  # (2, 14) of the latest sample in order
-    paired: Int64s  # (2, room) by position: 0, or how it was paired
-    ordered: Int64s  # (2, room) positions whose time is later than all before
-    waiting: Int64s  # (2, room) positions that wait for a partner
-    interval: Int64s  # (2, _BLOCK)
+    time: Int64Rows  # (2, room) by position; the room is a power of two and grows up to RING
+    rows: Annotated[Floats, 3]  # (2, room, 14) by position
+    latest: FloatRows  # (2, 14) of the latest sample in order
+    paired: Int64Rows  # (2, room) by position: 0, or how it was paired
+    ordered: Int64Rows  # (2, room) positions whose time is later than all before
+    waiting: Int64Rows  # (2, room) positions that wait for a partner
+    interval: Int64Rows  # (2, _BLOCK)
 
     @property
     def n_waiting(self) -> int:
@@ -108,26 +108,26 @@ class Came(NamedTuple):
     frame_index: Int64s
     t_us: Int64s
     t_rx_us: Int64s
-    q_nb: Floats  # (n, 4) what is expected undone
-    q_sent: Floats  # (n, 4) as sent; (0, 4): nothing was undone
-    w_b_rad_s: Floats  # (n, 3)
+    q_nb: FloatRows  # (n, 4) what is expected undone
+    q_sent: FloatRows  # (n, 4) as sent; (0, 4): nothing was undone
+    w_b_rad_s: FloatRows  # (n, 3)
     valid: Mask
 
 
 class StepRows(NamedTuple):
     """Where the steps of both streams go: as `Steps` of `pairing.steps`, each with room (2, n)."""
 
-    frame_index: Int64s
-    t0_us: Int64s
-    t1_us: Int64s
-    q0_nb: Floats
-    q1_nb: Floats
-    w0_b_rad_s: Floats
-    w1_b_rad_s: Floats
-    turn_b_rad: Floats
-    rate_residual_rad: Floats
-    limit_rad: Floats
-    contradicts_rates: Mask
+    frame_index: Int64Rows
+    t0_us: Int64Rows
+    t1_us: Int64Rows
+    q0_nb: Annotated[Floats, 3]
+    q1_nb: Annotated[Floats, 3]
+    w0_b_rad_s: Annotated[Floats, 3]
+    w1_b_rad_s: Annotated[Floats, 3]
+    turn_b_rad: Annotated[Floats, 3]
+    rate_residual_rad: FloatRows
+    limit_rad: FloatRows
+    contradicts_rates: MaskRows
 
 
 class PairRows(NamedTuple):
@@ -137,11 +137,11 @@ class PairRows(NamedTuple):
     t_boot_us: Int64s
     t_rx_us: Int64s
     same_instant: Mask
-    q_euler: Floats
-    q_quaternion: Floats
-    q_euler_sent: Floats
-    w_nb_b_rad_s: Floats
-    w_differs_b_rad_s: Floats
+    q_euler: FloatRows
+    q_quaternion: FloatRows
+    q_euler_sent: FloatRows
+    w_nb_b_rad_s: FloatRows
+    w_differs_b_rad_s: FloatRows
     unsteady_rad_s: Floats
     bound_rad: Floats
     after_reset: Mask
@@ -425,16 +425,14 @@ def _pair_waiting(state, k, limits, pairs, n):  # type: ignore[no-untyped-def]  
 
 @kernel
 def pair_kernel(
-    stream: Int64s, euler_fields: Fields, quaternion_fields: Fields, limit_fields: Fields, state_fields: Fields,
-    pair_fields: Fields, step_fields: Fields, periods: Int64s, counts: Int64s,
+    stream: Int64s, euler: Came, quaternion: Came, limits: Limits, state: PairState, pairs: PairRows, steps: StepRows,
+    periods: Int64Rows, counts: Int64s,
 ) -> None:  # fmt: skip
     """Take messages (n,) in order of arrival: of `stream` 0 and 1 the next sample of each, others are passed over.
 
     Fills pairs and steps, and with each valid sample its stream's `periods` (2, n); `counts` (5,) is how many steps of
     both streams, pairs, and samples of both streams. There must be room in `state` for as many samples of each stream.
     """
-    euler, quaternion, limits = Came(*euler_fields), Came(*quaternion_fields), Limits(*limit_fields)
-    state, pairs, steps = PairState(*state_fields), PairRows(*pair_fields), StepRows(*step_fields)
     for slot in range(counts.size):
         counts[slot] = 0
     n, last = 0, state.time.shape[1] - 1

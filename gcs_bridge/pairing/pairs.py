@@ -105,12 +105,12 @@ class Aligner:
         periods, counts = np.empty((2, n), np.int64), np.empty(5, np.int64)
         pair_kernel(
             stream,
-            tuple(_came(euler, q_euler_sent)),
-            tuple(_came(quaternion, None)),
-            tuple(self._limits),
-            tuple(self._state),
-            tuple(pairs),
-            tuple(steps),
+            _came(euler, q_euler_sent),
+            _came(quaternion, None),
+            self._limits,
+            self._state,
+            pairs,
+            steps,
             periods,
             counts,
         )

@@ -110,19 +110,16 @@ class References:
         seen = _seen_rows(self._waiting.n + asked)
         counts = np.zeros(4, np.int64)
         of_track = track.frame_index, track.t_us, track.rows
-        choose_reference(
-            stream, tuple(_attitudes(euler)), tuple(_attitudes(quaternion)), self._reference, *of_track, counts
-        )
+        choose_reference(stream, _attitudes(euler), _attitudes(quaternion), self._reference, *of_track, counts)
         chosen = int(counts[2])
         if chosen < n:
             track = track[:chosen]
             of_track = track.frame_index, track.t_us, track.rows
         came = _NO_INERTIAL if imu is None else _inertial(imu)
         if asked or self._waiting.n:
-            state = tuple(self._series), tuple(self._waiting)
-            see_kernel(*of_track, tuple(came), self._max_gap_us, *state, tuple(seen), counts)
+            see_kernel(*of_track, came, self._max_gap_us, self._series, self._waiting, seen, counts)
         elif chosen:
-            hear_all(*of_track, tuple(self._series))
+            hear_all(*of_track, self._series)
         found = int(counts[3])
         return track, ImuWithAttitude(
             max_gap_us=self._max_gap_us, **{name: of[:found] for name, of in seen._asdict().items()}

@@ -14,8 +14,8 @@ from gcs_bridge.attitude._rows import where
 from gcs_bridge.attitude.compiled import put, unit_at, vector_of
 from gcs_bridge.attitude.kinematics import interpolated
 from gcs_bridge.attitude.quaternion import between
-from gcs_bridge.columns import Floats, Int64s, Mask
-from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask
+from gcs_bridge.jit import helper, kernel
 
 ATTITUDE_WIDTH = 7  # of a row of the series: q_nb (4), w_b (3)
 QUERY_WIDTH = 15  # of a question: force, rates, field, trim; whether it may rest, whether it stands; receive time
@@ -32,7 +32,7 @@ class Series(NamedTuple):
     heard: Int64s  # (1,) how many there were
     frame_index: Int64s  # (room,)
     t_us: Int64s
-    rows: Floats  # (room, width)
+    rows: FloatRows  # (room, width)
 
     def with_room(self, more: int) -> Series:
         """The same with room for `more`, or for as many as are kept."""
@@ -58,7 +58,7 @@ class Waiting(NamedTuple):
     latest_us: Int64s  # (1,) of the time of those that were answered
     frame_index: Int64s  # (room,)
     t_us: Int64s
-    rows: Floats  # (room, width)
+    rows: FloatRows  # (room, width)
 
     @property
     def n(self) -> int:
@@ -92,8 +92,8 @@ class Attitudes(NamedTuple):
 
     frame_index: Int64s
     t_us: Int64s
-    q_nb: Floats
-    w_b_rad_s: Floats
+    q_nb: FloatRows
+    w_b_rad_s: FloatRows
     valid: Mask
 
 
@@ -103,10 +103,10 @@ class Inertial(NamedTuple):
     frame_index: Int64s
     t_us: Int64s
     t_rx_us: Int64s
-    f_b_m_s2: Floats
-    w_b_rad_s: Floats
-    m_b_gauss: Floats
-    trim_b_rad: Floats
+    f_b_m_s2: FloatRows
+    w_b_rad_s: FloatRows
+    m_b_gauss: FloatRows
+    trim_b_rad: FloatRows
     may_rest: Mask
     stands: Mask
 
@@ -117,15 +117,15 @@ class SeenRows(NamedTuple):
     frame_index: Int64s
     t_boot_us: Int64s
     t_rx_us: Int64s
-    f_b_m_s2: Floats
-    w_b_rad_s: Floats
-    m_b_gauss: Floats
-    trim_b_rad: Floats
+    f_b_m_s2: FloatRows
+    w_b_rad_s: FloatRows
+    m_b_gauss: FloatRows
+    trim_b_rad: FloatRows
     may_rest: Mask
     stands: Mask
-    q_nb: Floats
-    w0_b_rad_s: Floats
-    w1_b_rad_s: Floats
+    q_nb: FloatRows
+    w0_b_rad_s: FloatRows
+    w1_b_rad_s: FloatRows
     gap_s: Floats
     place: Floats
 
@@ -197,14 +197,13 @@ def rates_of(x, y, z):  # type: ignore[no-untyped-def]  # typed by numba
 
 @kernel
 def choose_reference(
-    stream: Int64s, euler_fields: Fields, quaternion_fields: Fields, heard_us: Int64s,
-    frame_index: Int64s, t_us: Int64s, rows: Floats, counts: Int64s,
+    stream: Int64s, euler: Attitudes, quaternion: Attitudes, heard_us: Int64s,
+    frame_index: Int64s, t_us: Int64s, rows: FloatRows, counts: Int64s,
 ) -> None:  # fmt: skip
     """Put the valid quaternions down in order of arrival, and the valid Euler angles while no quaternion comes.
 
     `counts` (3,): samples passed of both streams, and those put down. `heard_us` (1,): the latest quaternion.
     """
-    euler, quaternion = Attitudes(*euler_fields), Attitudes(*quaternion_fields)
     for k in stream:
         if k > 1:
             continue
@@ -231,24 +230,21 @@ def _put_down(samples, i, frame_index, t_us, rows, counts):  # type: ignore[no-u
 
 
 @kernel
-def hear_all(frame_index: Int64s, t_us: Int64s, rows: Floats, series_fields: Fields) -> None:
+def hear_all(frame_index: Int64s, t_us: Int64s, rows: FloatRows, series: Series) -> None:
     """Take attitudes (n,) about which nothing is asked."""
-    series = Series(*series_fields)
     for i in range(t_us.size):
         hear(series, frame_index[i], t_us[i], rows, i)
 
 
 @kernel
 def see_kernel(
-    frame_index: Int64s, t_us: Int64s, rows: Floats, imu_fields: Fields, max_gap_us: int,
-    series_fields: Fields, waiting_fields: Fields, seen_fields: Fields, counts: Int64s,
+    frame_index: Int64s, t_us: Int64s, rows: FloatRows, imu: Inertial, max_gap_us: int,
+    series: Series, waiting: Waiting, seen: SeenRows, counts: Int64s,
 ) -> None:  # fmt: skip
     """Take attitudes (n,) and inertial samples in order of arrival; put down samples as their attitude gets known.
 
     `counts[3]` is how many; those that are not later than one before them are left out.
     """
-    imu, series = Inertial(*imu_fields), Series(*series_fields)
-    waiting, seen = Waiting(*waiting_fields), SeenRows(*seen_fields)
     asked = 0
     for i in range(t_us.size + 1):
         at_end = i == t_us.size

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import stat
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import BinaryIO
 
 from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import SourceError, UsageError
-from gcs_bridge.jit import needs_compiling
+from gcs_bridge.jit import prepare
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scanner import Scanner
@@ -60,15 +59,8 @@ class Source:
 def open_telemetry(path: Path, dialect: str, *, judged: bool) -> Iterator[Source]:
     """The recording of a link, open; SourceError where it cannot be used, also later while it is read."""
     with opened(path) as file:
-        announce_compiling(*(("gcs_bridge",) if judged else ("gcs_bridge.mavlink", "gcs_bridge.telemetry.clocks")))
+        prepare(*(("gcs_bridge",) if judged else ("gcs_bridge.mavlink", "gcs_bridge.telemetry.clocks")))
         yield Source(file, path, start_us_of(file, open_dialect(dialect), path))
-
-
-def announce_compiling(*packages: str) -> None:
-    """Say before the wait that packages' kernels are compiled: it happens once on a machine, and takes seconds."""
-    if any(map(needs_compiling, packages)):
-        sys.stderr.write("gcs-bridge: compiling its kernels, once on this machine (some seconds)\n")
-        sys.stderr.flush()
 
 
 _ADVICE = {

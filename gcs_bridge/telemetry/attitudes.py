@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs_bridge.attitude.compiled import put
 from gcs_bridge.attitude.euler import quaternion_of_rpy
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import FloatRows, Int64Rows, Int64s, Mask
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.mavlink.decode import float_in, offsets
 from gcs_bridge.mavlink.dialect import Dialect
@@ -63,17 +63,17 @@ def _read_euler(
     frames: Frames,
     buffer: Bytes,
     held: Bytes,
-    timed: Int64s,
+    timed: Int64Rows,
     in_window: Mask,
     at: Int64s,
     frame_index: Int64s,
     boot: Int64s,
     t_boot_us: Int64s,
     t_rx_us: Int64s,
-    q_nb: Floats,
-    w_nb_b_rad_s: Floats,
+    q_nb: FloatRows,
+    w_nb_b_rad_s: FloatRows,
     valid: Mask,
-    rpy_rad: Floats,
+    rpy_rad: FloatRows,
 ) -> int:
     """Read each ATTITUDE of the timed messages; return how many there are."""
     n = 0
@@ -95,17 +95,17 @@ def _read_quaternion(
     frames: Frames,
     buffer: Bytes,
     held: Bytes,
-    timed: Int64s,
+    timed: Int64Rows,
     in_window: Mask,
     at: Int64s,
     frame_index: Int64s,
     boot: Int64s,
     t_boot_us: Int64s,
     t_rx_us: Int64s,
-    q_nb: Floats,
-    w_nb_b_rad_s: Floats,
+    q_nb: FloatRows,
+    w_nb_b_rad_s: FloatRows,
     valid: Mask,
-    repr_offset_q: Floats,
+    repr_offset_q: FloatRows,
 ) -> int:
     """Read each ATTITUDE_QUATERNION of the timed messages; return how many there are. q1…q4 are w, x, y, z."""
     n = 0

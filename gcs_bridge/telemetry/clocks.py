@@ -8,12 +8,11 @@ recording, in pieces of any size, give the same times.
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from gcs_bridge.columns import Int64s, Mask
+from gcs_bridge.columns import Int64Rows, Int64s, Mask, Records
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.mavlink.decode import offsets, unsigned_in
 from gcs_bridge.mavlink.dialect import Dialect
@@ -138,7 +137,7 @@ def _believe(timed, n, frame_index, message, row, boot, t_boot_us, t_rx_us, lost
 
 @kernel
 def _follow(
-    clock: npt.NDArray[np.void],
+    clock: Annotated[Records, CLOCK],
     frames: Frames,
     buffer: Bytes,
     kind: Kinds,
@@ -149,9 +148,9 @@ def _follow(
     first: int,
     offset: Int64s,
     came: int,
-    timed: Int64s,
+    timed: Int64Rows,
     inside: Mask,
-    changes: Int64s,
+    changes: Int64Rows,
 ) -> tuple[int, int, int]:
     """Read the timed ones of a component's frames, of which `came` came before; `first`: the index of frame 0.
 

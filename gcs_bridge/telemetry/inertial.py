@@ -5,10 +5,11 @@ They come in three scales, which are told apart here, and some on a clock of the
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
+from typing import Annotated
 
-from gcs_bridge.columns import Floats, Int64s, Mask
+import numpy as np
+
+from gcs_bridge.columns import Floats, Int64Rows, Int64s, Mask, Records
 from gcs_bridge.jit import kernel
 from gcs_bridge.mavlink.decode import float_in, int16_in, offsets, unsigned_in
 from gcs_bridge.mavlink.dialect import Dialect
@@ -35,16 +36,16 @@ def _read_imu(
     floats: bool,
     milliseconds: bool,
     scales: Floats,
-    timed: Int64s,
+    timed: Int64Rows,
     boot_before: int,
     us_before: int,
-    offset: npt.NDArray[np.void],
+    offset: Annotated[Records, OFFSET],
     frame_index: Int64s,
     boot: Int64s,
     t_boot_us: Int64s,
     t_rx_us: Int64s,
     t_us: Int64s,
-    measured: Floats,
+    measured: Annotated[Floats, 3],
 ) -> int:
     """Read each IMU message from `start` to `end` of `by_message` in the window; return how many there are.
 

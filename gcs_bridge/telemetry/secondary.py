@@ -5,10 +5,12 @@ It is stamped midway between the timed messages on both sides; the last ones wai
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import FloatRows, Int64Rows, Int64s, Mask, Records
 from gcs_bridge.jit import kernel
 from gcs_bridge.mavlink.decode import float_in, offsets
 from gcs_bridge.mavlink.dialect import Dialect
@@ -34,18 +36,18 @@ def _read_ahrs2(
     first: int,
     in_window: Mask,
     at: Int64s,
-    timed: Int64s,
+    timed: Int64Rows,
     boot_before: int,
     us_before: int,
-    waiting: npt.NDArray[np.void],
+    waiting: Annotated[Records, WAITING],
     waits: int,
     frame_index: Int64s,
     boot: Int64s,
     t_boot_us: Int64s,
     t_rx_us: Int64s,
-    q_nb: Floats,
+    q_nb: FloatRows,
     valid: Mask,
-    rpy_rad: Floats,
+    rpy_rad: FloatRows,
     gap_us: Int64s,
 ) -> tuple[int, int]:
     """Let each AHRS2 from `start` to `end` of `by_message` wait, and stamp those that wait, `waits` so far.

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.columns import Int64s, Mask
+from gcs_bridge.columns import Int64Rows, Int64s, Mask, Records
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
@@ -116,7 +116,7 @@ def _sort(
     sysid: int,
     from_us: float,
     to_us: float,
-    link: npt.NDArray[np.void],
+    link: Annotated[Records, LINK],
     share_of: npt.NDArray[np.int32],
     frame_index: Int64s,
     latest_rx_us: Int64s,
@@ -124,8 +124,8 @@ def _sort(
     in_window: Mask,
     arrival: Int64s,
     by_message: Int64s,
-    share: Int64s,
-    place: Int64s,
+    share: Int64Rows,
+    place: Int64Rows,
 ) -> tuple[int, int]:
     """Fill all that follows `share_of`; return how many components there are, and how many frames in the window.
 

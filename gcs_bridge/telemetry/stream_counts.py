@@ -5,10 +5,11 @@ What is in them is not looked at here.
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
+from typing import Annotated
 
-from gcs_bridge.columns import Int64s, Mask
+import numpy as np
+
+from gcs_bridge.columns import Int64s, Mask, Records
 from gcs_bridge.contract import Stream
 from gcs_bridge.jit import helper, kernel
 
@@ -67,7 +68,7 @@ def _count_losses(of, step_us, period_us, frames_lost):  # type: ignore[no-untyp
 
 
 @kernel
-def _count_all(count: npt.NDArray[np.void], t_us: Int64s) -> None:
+def _count_all(count: Annotated[Records, _COUNT], t_us: Int64s) -> None:
     """Count samples by their times."""
     for i in range(t_us.size):
         _count(count[0], t_us[i])
@@ -75,7 +76,7 @@ def _count_all(count: npt.NDArray[np.void], t_us: Int64s) -> None:
 
 @kernel
 def _count_stream(
-    count: npt.NDArray[np.void],
+    count: Annotated[Records, _COUNT],
     stream: int,
     message: Int64s,
     t_us: Int64s,

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from operator import itemgetter
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from gcs_bridge.columns import FrameColumns, Int64s, record
+from gcs_bridge.columns import FrameColumns, Int64Rows, Int64s, Records, record
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import StreamSettings
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock, first_beyond
@@ -181,7 +180,7 @@ def _hear(of, k, t_us, frame_index, changes, n):  # type: ignore[no-untyped-def]
 
 @kernel
 def _take(
-    liveness: npt.NDArray[np.void],
+    liveness: Annotated[Records, _LIVENESS],
     stream: Int64s,
     t_boot_us: Int64s,
     t_rx_us: Int64s,
@@ -191,7 +190,7 @@ def _take(
     begin: int,
     first: int,
     latest_rx_us: Int64s,
-    changes: Int64s,
+    changes: Int64Rows,
 ) -> tuple[int, int]:
     """Follow the messages from `begin` on, as long as there is room for changes.
 
@@ -217,7 +216,7 @@ def _take(
 
 @kernel
 def _wait(
-    liveness: npt.NDArray[np.void], first: int, latest_rx_us: Int64s, until: int, changes: Int64s
+    liveness: Annotated[Records, _LIVENESS], first: int, latest_rx_us: Int64s, until: int, changes: Int64Rows
 ) -> tuple[int, int]:
     """Let time pass up to row `until` of the link's frames.
 

@@ -7,12 +7,11 @@ services/heartbeat.html).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from gcs_bridge.columns import Int64s
+from gcs_bridge.columns import Int64Rows, Int64s, Records
 from gcs_bridge.jit import kernel
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock, first_beyond
 
@@ -33,7 +32,12 @@ _PRESENCE = np.dtype([("heard_us", "i8"), ("lost", "?")])
 
 @kernel
 def _take(
-    presence: npt.NDArray[np.void], own: Int64s, begin: int, first: int, latest_rx_us: Int64s, changes: Int64s
+    presence: Annotated[Records, _PRESENCE],
+    own: Int64s,
+    begin: int,
+    first: int,
+    latest_rx_us: Int64s,
+    changes: Int64Rows,
 ) -> tuple[int, int]:
     """Follow the vehicle's frames `own` from `begin` on, and the link's to their end, as long as there is room.
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
+from typing import Annotated
 
-from gcs_bridge.columns import Floats, Int64s
+import numpy as np
+
+from gcs_bridge.columns import Floats, Int64s, Records
 from gcs_bridge.jit import kernel
 from gcs_bridge.mavlink.decode import float_in, offsets, unsigned_in
 from gcs_bridge.mavlink.dialect import Dialect
@@ -30,7 +31,7 @@ def _follow(
     end: int,
     first: int,
     at: Int64s,
-    last: npt.NDArray[np.void],
+    last: Annotated[Records, _LAST],
     frame_index: Int64s,
     acceleration_m_s2: Floats,
 ) -> None:

@@ -20,8 +20,9 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from gcs_bridge import Monitor, jit
+from gcs_bridge import Monitor
 from gcs_bridge.chunks import Chunk, Framing
+from gcs_bridge.jit.kernels import KERNELS
 from tests.helpers.paths import FIXTURES
 from tests.helpers.wire import records, with_checksum
 
@@ -120,7 +121,7 @@ def kernel_calls_of(work: Callable[[], object]) -> Counter[str]:
 
         return call
 
-    kernels = {id(kernel): kernel for kernel in jit._KERNELS}
+    kernels = {id(kernel): kernel for kernel in KERNELS}
     with pytest.MonkeyPatch.context() as patch:
         for name, module in list(sys.modules.items()):
             if name.startswith("gcs_bridge."):

@@ -50,7 +50,8 @@ def test_what_is_drawn_follows_the_contract_and_the_imports() -> None:
     assert row["cli"] == 0 < row["judging"] < row["checks"] < row["mavlink"] < row["errors"]
     rooms = {room.name: room for layer in layers for room in layer}
     assert {"telemetry", "pairing"} <= set(rooms["checks"].imports)
-    assert not rooms["mavlink"].imports
+    assert rooms["mavlink"].imports == ("jit",)
+    assert not rooms["jit"].imports
     assert rooms["judging"].is_quiet
     assert not rooms["links"].is_quiet
 
