@@ -154,9 +154,7 @@ def _before_trim(q_nb, trim_b, i):  # type: ignore[no-untyped-def]  # typed by n
 @helper
 def _is_loud(state, rates, down, fixed_wing):  # type: ignore[no-untyped-def]  # typed by numba
     """Whether the vehicle turns fast, or may: on fixed wings a coordinated turn feels level."""
-    return not length(rates) < state.below_rad_s or (
-        fixed_wing and abs(np.arctan2(down[1], down[2])) > state.bank_rad
-    )
+    return not length(rates) < state.below_rad_s or (fixed_wing and abs(np.arctan2(down[1], down[2])) > state.bank_rad)
 
 
 @helper
