@@ -22,8 +22,9 @@ from gcs_bridge.links.link import Link, LinkDownError, now_us
 __all__ = ["Stop", "listen"]
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
 # So long what comes first waits for what comes with it: a vehicle sends its messages in bursts, and judging one costs
-# nearly the same whether it holds one message or ten.
-_GATHER_S = 0.003
+# nearly the same whether it holds one message or ten. Where it costs much, as of many vehicles, it waits twice as long
+# as that takes, so that half of a processor is enough; but what waited while the last batch was judged waited then.
+_GATHER_S, _LONGEST_S = 0.003, 0.01
 _AT_ONCE_S = 0.0001  # what was there already is told within this time
 _POLL_S = 0.01  # so often a link is asked that cannot be waited for
 
@@ -76,6 +77,7 @@ def listen(
     for one in listened:
         one.say(LinkUp)
     taken_s = ticked_s = time.monotonic()
+    judged_s = 0.0
     while open_ones := [one for one in listened if not one.ended]:
         asked_s = time.monotonic()
         if stop() or asked_s >= ends_s:
@@ -84,9 +86,11 @@ def listen(
         came_s = time.monotonic()
         if came_s - asked_s < _AT_ONCE_S:
             came_s = taken_s  # it came while the last batch was judged, and has waited since
-        time.sleep(max(came_s + _GATHER_S - time.monotonic(), 0))
+        gather_s = min(max(_GATHER_S, 2 * judged_s), _LONGEST_S)
+        time.sleep(max(came_s + gather_s - time.monotonic(), 0))
         taken_s = time.monotonic()
         heard = [one for one in open_ones if one.take()]
+        judged_s = time.monotonic() - taken_s
         if taken_s - ticked_s >= _TICK_S:
             ticked_s = taken_s
             for one in listened:

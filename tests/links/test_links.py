@@ -4,6 +4,7 @@ import contextlib
 import errno
 import os
 import pty
+import random
 import select
 import socket
 import sys
@@ -16,7 +17,7 @@ import pytest
 
 from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import SourceError
-from gcs_bridge.links.link import Link, LinkDownError
+from gcs_bridge.links.link import Link, LinkDownError, now_us
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.udp_owner import udp_port_owner
 from gcs_bridge.links.uri import NetworkUri, SerialUri
@@ -48,6 +49,13 @@ def udp() -> Iterator[tuple[Link, socket.socket]]:
             link.close()
 
 
+def needs_room(link: Link, size: int) -> None:
+    """Skip the test where the system allows small buffers alone."""
+    with socket.socket(fileno=os.dup(link.fileno() or -1)) as same:
+        if same.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) < size:
+            pytest.skip("the system allows small buffers alone")
+
+
 @contextlib.contextmanager
 def terminals() -> Iterator[tuple[int, str]]:
     """Two serial terminals that are wired to each other: the descriptor of one, the device of the other."""
@@ -77,6 +85,38 @@ def test_datagrams_keep_their_borders_and_times() -> None:
         assert [piece.data for piece in pieces] == [b"one", b"", b"three" * 300]
         if sys.platform == "linux":  # where the kernel tells
             assert all(0 <= piece.t_rx_us - us < 20_000 for piece, us in zip(pieces, sent_us, strict=True))
+
+
+@pytest.mark.parametrize("many_at_once", [True, False])
+def test_many_datagrams_of_all_sizes(many_at_once: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of them, in order, to the byte: some hundred at once, the largest too; also one by one, as elsewhere."""
+    if not many_at_once:
+        monkeypatch.setattr(sys, "platform", "another")
+    dice = random.Random(1)
+    sent = [dice.randbytes(dice.choice((0, 1, 40, 280, 1400, 9000, 65_507))) for _ in range(300)]
+    with udp() as (link, sender):
+        needs_room(link, 2**23)
+        before_us = now_us()
+        for data in sent:
+            sender.send(data)
+        chunks: list[Chunk] = []
+        while some := list(link.drain()):
+            chunks += some
+    times_us = [chunk.t_rx_us for chunk in chunks]
+    assert [chunk.data for chunk in chunks] == sent
+    assert before_us - 10_000 <= times_us[0] <= times_us[-1] <= now_us()
+    assert times_us == sorted(times_us)
+
+
+def test_a_flood_of_datagrams_does_not_hold_the_loop() -> None:
+    """One drain takes some thousand, and leaves the rest for the next."""
+    with udp() as (link, sender):
+        needs_room(link, 2**23)
+        for index in range(6000):
+            sender.send(index.to_bytes(2, "big"))
+        first, second = len(link.drain()), len(link.drain())
+    assert 4000 < first < 4500
+    assert first + second == 6000
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux counts what it dropped")

@@ -286,6 +286,18 @@ def test_a_slow_machine_takes_larger_batches() -> None:
     assert len(monitor.batches) < len(sent) / 6
 
 
+def test_where_judging_costs_much_it_is_done_less_often() -> None:
+    """What takes 4 ms is done each 8 ms or so, and not again and again: half of a processor is left to others."""
+    link, uri = udp_link()
+    monitor = Taken(takes_s=0.004)
+    with taking(monitor, link), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        ends_s = time.monotonic() + 0.8
+        while time.monotonic() < ends_s:
+            sender.sendto(b"more", (uri.host, uri.port))
+            time.sleep(0.001)
+    assert 2 < len(monitor.batches) < 0.8 / 0.007
+
+
 def test_a_fast_link_beside_a_slow_one() -> None:
     """However much comes on one, the other is asked with each batch: no flood makes it wait for two."""
     (fast, fast_uri), (slow, slow_uri) = udp_link(), udp_link()
