@@ -39,7 +39,7 @@ class Cost(NamedTuple):
     blocks_kept: float  # a message: objects that stay
 
 
-MEASURED = Cost(1.372e4, 47.2, 1.318e4, 43.31, 1.071e5, 11.38)
+MEASURED = Cost(1.372e4, 47.2, 1.318e4, 43.31, 1.072e5, 11.4)
 BOUND = 1.3  # times what was measured
 
 BATCH_US = 20_000  # at 50 Hz: most batches hold one sample of each stream, 3 to 5 messages

@@ -3,8 +3,6 @@
 import dataclasses
 import subprocess
 import sys
-import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,6 @@ from pymavlink.dialects.v20 import all as mavlink
 import gcs_bridge
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.recordings import source
-from gcs_bridge.recordings.ahead import ahead
 from gcs_bridge.recordings.read import Recording
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES, ROOT
@@ -90,49 +87,6 @@ def test_the_second_estimate_is_stamped_between_what_came_around_it() -> None:
         monitor.feed(frame, wire.START_US + 40_000 * i)
     stamps = [(int(t), int(gap)) for one in seen for t, gap in zip(one.t_boot_us, one.gap_us, strict=True)]
     assert stamps == [(105_000_000, 10_000_000)] * 2
-
-
-# --- one piece ahead -------------------------------------------------------------------------------------------------
-
-
-def test_what_is_made_ahead_comes_in_its_order_from_another_thread() -> None:
-    """And never more than one item before it is asked for."""
-    made: list[tuple[int, int]] = []
-
-    def numbers() -> Iterator[int]:
-        for i in range(20):
-            made.append((i, threading.get_ident()))
-            yield i
-
-    taken = 0
-    for number in ahead(numbers()):
-        assert number == taken
-        taken += 1
-        assert len(made) <= taken + 1
-    assert taken == 20
-    assert threading.get_ident() not in {thread for _, thread in made}
-
-
-def test_an_error_ahead_is_raised_where_the_item_is_taken() -> None:
-    """Behind all that came before it."""
-
-    def broken() -> Iterator[int]:
-        yield 1
-        raise OSError("the disk has gone")
-
-    taken: list[int] = []
-    with pytest.raises(OSError, match="the disk has gone"):
-        taken.extend(ahead(broken()))
-    assert taken == [1]
-
-
-def test_who_stops_early_leaves_no_thread_behind() -> None:
-    """Closed in the middle."""
-    before = threading.active_count()
-    items = ahead(iter(range(1000)))
-    assert next(items) == 0
-    del items
-    assert threading.active_count() == before
 
 
 # --- memory ----------------------------------------------------------------------------------------------------------
