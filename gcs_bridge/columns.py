@@ -1,10 +1,10 @@
-"""Arrays that belong together: their types, records of them, and what is remembered of a stream from batch to batch."""
+"""Arrays that belong together: their types, and records of them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar, dataclass_transform
+from typing import Annotated, Any, ClassVar, Self, TypeVar, dataclass_transform
 
 import numpy as np
 import numpy.typing as npt
@@ -112,49 +112,6 @@ class FrameColumns(Columns):
         """All of `parts`, one or more, in order of arrival; of one frame, in the order of the parts."""
         whole = cls.joined(parts)
         return whole if len(parts) == 1 else whole[np.argsort(whole.frame_index, kind="stable")]
-
-
-ColumnsT = TypeVar("ColumnsT", bound=Columns)
-
-
-class Ring(Generic[ColumnsT]):
-    """The last rows of a stream, found by their position in it: the first row that ever came has 0."""
-
-    def __init__(self, size: int, none: ColumnsT) -> None:
-        """Start with `none`; `size` rows are kept from batch to batch, and all of the last batch."""
-        self.first = 0
-        self.rows = none
-        self._size = size
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def append(self, more: ColumnsT) -> None:
-        """Take the next rows."""
-        surplus = max(len(self.rows) - self._size, 0)
-        self.first += surplus
-        self.rows = (self.rows[surplus:] if surplus else self.rows).then(more)
-
-
-class RunningMax:
-    """The largest number of a stream so far, carried over from batch to batch."""
-
-    def __init__(self, latest: int | None = None) -> None:
-        """Start with `latest`; None: with the first number that comes."""
-        self.latest = latest
-
-    def feed(self, numbers: Int64s) -> Int64s:
-        """Take the next numbers (n,): the largest before them, then the largest with each (n + 1,).
-
-        Nothing (0,) as long as no number ever came.
-        """
-        if self.latest is None:
-            if not len(numbers):
-                return numbers
-            self.latest = int(numbers[0])
-        largest = running_max(numbers, self.latest)
-        self.latest = int(largest[-1])
-        return largest
 
 
 def running_max(numbers: Int64s, before: int) -> Int64s:

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from gcs_bridge.columns import Columns, Floats, FrameColumns, Int64s, Ring, RunningMax, last_where
+from gcs_bridge.columns import Columns, Floats, FrameColumns, Int64s, last_where
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,38 +63,6 @@ def test_records_are_built_by_keyword() -> None:
     with pytest.raises(TypeError):
         Points(np.zeros(1, np.int64), np.zeros((1, 2)), "A")  # type: ignore[call-arg]  # which is what is tested
     assert issubclass(Points, Columns)
-
-
-@given(st.lists(st.integers(0, 7), max_size=12))
-def test_a_ring_keeps_the_last_rows_and_their_positions(batches: list[int]) -> None:
-    """However the rows came, each of the last ones is found by how many came before it."""
-    ring, came = Ring(4, points()), 0
-    for n in batches:
-        ring.append(points(*range(came, came + n)))
-        came += n
-        assert len(ring) >= min(came, 4)
-        assert len(ring) <= 4 + n + max(batches)
-        assert ring.rows.frame_index.tolist() == list(range(ring.first, came))
-
-
-@given(st.lists(st.integers(-50, 50), max_size=20), st.lists(st.integers(0, 20)).map(sorted))
-def test_a_running_maximum_does_not_depend_on_the_cuts(numbers: list[int], cuts: list[int]) -> None:
-    """With each number the largest so far, and before them all the one that it starts with."""
-    running = RunningMax(-7)
-    found: list[int] = []
-    for part in np.split(np.array(numbers, np.int64), cuts):
-        before, *largest = running.feed(part).tolist()
-        assert before == max([-7, *numbers[: len(found)]])
-        found += largest
-    assert found == [max(-7, *numbers[: at + 1]) for at in range(len(numbers))]
-
-
-def test_a_running_maximum_may_start_with_the_first_number() -> None:
-    """Before that there is nothing."""
-    running = RunningMax()
-    assert len(running.feed(np.empty(0, np.int64))) == 0
-    assert running.feed(np.array([-5, -9])).tolist() == [-5, -5, -5]
-    assert running.latest == -5
 
 
 def test_the_last_place_at_which_something_was() -> None:

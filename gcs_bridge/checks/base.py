@@ -8,15 +8,13 @@ from typing import Annotated, ClassVar, Literal, NamedTuple, TypedDict
 import numpy as np
 
 import gcs_bridge.attitude.compiled  # noqa: F401  checks' kernels call the attitude package
-from gcs_bridge import attitude
-from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.record import scale_of
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import Signal
 from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles, note
-from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Records
 from gcs_bridge.contract import Distribution, Severity, known
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings
@@ -61,13 +59,6 @@ def watch(watched, t_us, value, judged):  # type: ignore[no-untyped-def]  # type
         of.judged_us += stands_for
         of.judged += 1
         note(watched, value)
-
-
-@kernel
-def watch_all(watched: Watched, t_us: Int64s, value: Floats, judged: Mask) -> None:
-    """Count samples (n,)."""
-    for i in range(t_us.size):
-        watch(watched, t_us[i], value[i], judged[i])
 
 
 @helper
@@ -260,52 +251,6 @@ class Check(ABC):
     def _watching(self, samples: int) -> Watched:
         """What a kernel needs to count so many samples."""
         return Watched(self._watched, *self.residual.room(samples))
-
-    def _watch(self, t_us: Int64s, value: Floats, judged: Mask) -> None:
-        """Count samples at `t_us` (n,) whose sources are there, and of them those that could be `judged`."""
-        if len(t_us):
-            watch_all(self._watching(len(t_us)), t_us, value, judged)
-
-
-def rated(
-    t_us: Int64s,
-    frame_index: Int64s,
-    value: Floats,
-    limit: Floats | float,
-    delays: AlarmSettings,
-    detail: Floats | None = None,
-) -> Rated:
-    """Samples against a limit; without `detail`, a value has no direction."""
-    return Rated(
-        frame_index=frame_index,
-        t_boot_us=t_us,
-        value=value,
-        limit=np.broadcast_to(np.asarray(limit, np.float64), value.shape),
-        bad=value > limit,
-        low=value <= delays.clear_below * limit,
-        detail=np.full((len(value), 5), np.nan) if detail is None else detail,
-    )
-
-
-def between_attitudes(bad: Mask, q_a: Floats, q_b: Floats) -> Floats:
-    """The detail (n, 5) of b seen from a, where `bad`: tilt, heading and the rotation vector in body axes, rad."""
-    detail = np.full((len(bad), 5), np.nan)
-    if bad.any():
-        a, b = q_a[bad], q_b[bad]
-        tilt, heading = attitude.tilt_heading_between(a, b)
-        turn = attitude.rotvec_from_quaternion(attitude.multiply(attitude.conjugate(a), b))
-        detail[bad] = np.column_stack((tilt, heading, turn))
-    return detail
-
-
-def along(vector_b: Floats) -> Floats:
-    """The detail (n, 5) of a difference that is a vector in body axes, and no rotation of the attitude."""
-    return np.hstack((np.full((len(vector_b), 2), np.nan), vector_b))
-
-
-def length(v: Floats) -> Floats:
-    """The lengths (n,) of vectors (n, 3)."""
-    return np.asarray(np.sqrt(v[:, 0] ** 2 + v[:, 1] ** 2 + v[:, 2] ** 2))
 
 
 class ImuCheck(Check):

@@ -13,7 +13,7 @@ import numpy as np
 
 from gcs_bridge.alarms.votes import Ballot, Votes, vote
 from gcs_bridge.attitude.quaternion import length
-from gcs_bridge.checks.base import ImuCheck, Watched, is_known, watch
+from gcs_bridge.checks.base import ImuCheck, Watched, is_known, row_at, watch
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.windows import new_turning, told_by_rates
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Records
@@ -120,14 +120,13 @@ def rate_gyro(
     """Rate a gyro's samples `w` (n, 3), each at its place (n,) between two rates of the attitude, rad/s."""
     state = states[0]
     for i in range(t_us.size):
-        if not is_known(w[i]) or not _is_told(state, turning, w0[i], w1[i], gap_s[i]):
+        own, start, end = row_at(w, i), row_at(w0, i), row_at(w1, i)
+        if not is_known(own) or not _is_told(state, turning, length(start), length(end), gap_s[i]):
             continue
-        dx, dy, dz = w1[i, 0] - w0[i, 0], w1[i, 1] - w0[i, 1], w1[i, 2] - w0[i, 2]
-        x, y, z = (
-            w[i, 0] - (w0[i, 0] + place[i] * dx),
-            w[i, 1] - (w0[i, 1] + place[i] * dy),
-            w[i, 2] - (w0[i, 2] + place[i] * dz),
-        )
+        dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+        x = own[0] - (start[0] + place[i] * dx)
+        y = own[1] - (start[1] + place[i] * dy)
+        z = own[2] - (start[2] + place[i] * dz)
         if not state.started:
             _begin(state, t_us[i], (x, y, z))
         _follow_lag(state, t_us[i])
@@ -146,13 +145,12 @@ def rate_gyro(
 
 
 @helper
-def _is_told(state, turning, w0, w1, gap_s):  # type: ignore[no-untyped-def]  # typed by numba
-    """Whether two rates of the attitude tell what is between them.
+def _is_told(state, turning, speed0, speed1, gap_s):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether two rates of the attitude, of these sizes, tell what is between them.
 
     Beyond what gyros can measure, and where the int16 of the wire starts anew (32.767 rad/s), they tell nothing, of
     their bias neither.
     """
-    speed0, speed1 = length((w0[0], w0[1], w0[2])), length((w1[0], w1[1], w1[2]))
     told = told_by_rates(turning, speed0, speed1, gap_s)
     return told and speed0 > 0 and speed1 > 0 and max(speed0, speed1) < state.usable_below_rad_s
 

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gcs_bridge.checks.base import length
-from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask
-from gcs_bridge.jit import helper, kernel
+from gcs_bridge.columns import FloatRows, Floats, Int64s
+from gcs_bridge.jit import helper
 
 _LATELY = 4  # gaps before this one
 _TOLD_RAD = math.radians(20.0)
@@ -77,25 +76,6 @@ def new_turning() -> Floats:
     return np.zeros(_LATELY + 1)
 
 
-class Turning:
-    """How fast a stream turned of late: rates at the ends of a gap say nothing of it where it may have turned far."""
-
-    def __init__(self) -> None:
-        """Start with no sample."""
-        self._recent: Floats = np.empty(0)
-
-    def told_by_rates(self, w0_b_rad_s: Floats, w1_b_rad_s: Floats, gap_s: Floats) -> Mask:
-        """Where rates at both ends (n, 3) of gaps (n,), in order of time, tell what was between them."""
-        if not len(gap_s):
-            return np.zeros(0, np.bool_)
-        fastest = np.fmax(length(w0_b_rad_s), length(w1_b_rad_s))
-        held = np.concatenate((self._recent, fastest))
-        self._recent = held[max(len(held) - _LATELY, 0) :]
-        padded, n = np.concatenate((np.zeros(_LATELY), held)), len(fastest)
-        rate = np.maximum.reduce([padded[len(padded) - n - gaps : len(padded) - gaps] for gaps in range(_LATELY + 1)])
-        return np.asarray((rate * gap_s <= _TOLD_RAD) | ((gap_s <= _SHORT_S) & (rate * gap_s <= _TOLD_SHORT_RAD)))
-
-
 class SlidingSums:
     """Sums of rows over the last seconds, within one boot."""
 
@@ -120,19 +100,3 @@ class SlidingSums:
             sliding.of[_FIRST:] = 0, kept
             self._sliding = sliding = sliding._replace(t_us=t_us, before=before)
         return sliding
-
-    def feed(self, t_us: Int64s, rows: Floats) -> tuple[Floats, Int64s, Int64s]:
-        """Take samples in order of time; per sample the sums, how many they are of, and since when, µs."""
-        n = len(t_us)
-        sums, count, since_us = np.empty_like(rows), np.empty(n, np.int64), np.empty(n, np.int64)
-        slide(self.room(n), t_us, rows, sums, count, since_us)
-        return sums, count, since_us
-
-
-@kernel
-def slide(sliding: Sliding, t_us: Int64s, rows: FloatRows, sums: FloatRows, count: Int64s, since_us: Int64s) -> None:
-    """Fill the sums of `rows` (n, k)."""
-    for i in range(t_us.size):
-        count[i], since_us[i] = slide_in(sliding, t_us[i], rows[i])
-        for column in range(rows.shape[1]):
-            sums[i, column] = sliding.sums[column]

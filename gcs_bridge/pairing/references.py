@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs_bridge import attitude
 from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask
-from gcs_bridge.pairing.neighbours import Answers, Track
+from gcs_bridge.pairing.neighbours import Track
 from gcs_bridge.pairing.seen import (
     ATTITUDE_WIDTH,
     FALLBACK_US,
@@ -28,22 +27,6 @@ from gcs_bridge.pairing.seen import (
 )
 from gcs_bridge.settings import AlignmentSettings
 from gcs_bridge.telemetry.samples import AttitudeSamples, ImuSamples
-
-
-def attitude_at(found: Answers) -> Floats:
-    """The attitudes (n, 4) at the queries' times; along the shortest way where no rates are reported."""
-    rates = [np.nan_to_num(rows[:, 4:7]) for rows in (found.before.rows, found.after.rows)]
-    q0, q1 = found.before.rows[:, :4], found.after.rows[:, :4]
-    moving = [(w[:, 0] != 0) | (w[:, 1] != 0) | (w[:, 2] != 0) for w in rates]
-    bent = moving[0] & moving[1] & (found.gap_s > 0)
-    place, gap_s = found.place, found.gap_s
-    if bent.all():
-        return attitude.hermite(q0, q1, rates[0], rates[1], dt_s=gap_s, u=place)[0]
-    q_nb = np.empty_like(q0)
-    q_nb[~bent] = attitude.slerp(q0[~bent], q1[~bent], place[~bent])
-    w0, w1 = rates[0][bent], rates[1][bent]
-    q_nb[bent] = attitude.hermite(q0[bent], q1[bent], w0, w1, dt_s=gap_s[bent], u=place[bent])[0]
-    return q_nb
 
 
 @dataclass(frozen=True, kw_only=True)

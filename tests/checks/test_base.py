@@ -1,4 +1,4 @@
-"""What checks are made of: sums over the last seconds, what is usable, ratings; by hand, and however they are cut."""
+"""What checks are made of: sums over the last seconds, what is usable; by hand, and however they are cut."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
-from gcs_bridge.checks.base import Usable, along, between_attitudes, rated
+from gcs_bridge.checks.base import Usable
 from gcs_bridge.checks.windows import SlidingSums, new_turning, slide_in, told_by_rates
 from gcs_bridge.pairing.neighbours import in_order
-from gcs_bridge.settings import AlarmSettings
-from tests.helpers.wire import wxyz
 
 # --- sums ------------------------------------------------------------------------------------------------------------
 
@@ -125,7 +122,8 @@ def breaks(known: Sequence[bool], cuts: Sequence[int] = ()) -> list[tuple[int, b
     edges = sorted({0, len(known), *cuts})
     for begin, end in pairwise(edges):
         rows = np.arange(begin, end)
-        usable.follow(np.array(known[begin:end], np.bool_), rows * 1000, rows)
+        numbers = np.where(np.array(known[begin:end], np.bool_), 1.0, np.nan)[:, None]
+        usable.follow(numbers, rows * 1000, rows)
         assert all(one.t_boot_us == one.frame_index * 1000 for one in usable.breaks)
         found += [(one.frame_index, one.broken) for one in usable.breaks]
     return found
@@ -147,41 +145,3 @@ def test_usable_is_cut_anywhere(runs: list[tuple[bool, int]], cuts: list[int]) -
     known = [flag for flag, count in runs for _ in range(count)]
     inside = [cut for cut in cuts if cut < len(known)]
     assert breaks(known, inside) == breaks(known)
-
-
-# --- ratings ---------------------------------------------------------------------------------------------------------
-
-
-def test_where_a_sample_is_bad_and_where_it_is_low() -> None:
-    """Above the limit is bad, at 70 % of it or below is low, the limit itself is neither; each has its own."""
-    value = np.array([1.0, 1.0 + 1e-9, 0.7, 0.7 + 1e-9, 1.0])
-    limit = np.array([1.0, 1.0, 1.0, 1.0, 2.0])
-    zeros = np.zeros(5, np.int64)
-    found = rated(zeros, zeros, value, limit, AlarmSettings())
-    assert found.bad.tolist() == [False, True, False, False, False]
-    assert found.low.tolist() == [False, False, True, False, True]
-    assert np.isnan(found.detail).all()
-
-
-def test_a_value_that_is_no_number_is_neither() -> None:
-    """NaN is neither bad nor low."""
-    zeros = np.zeros(1, np.int64)
-    found = rated(zeros, zeros, np.array([np.nan]), 1.0, AlarmSettings())
-    assert (found.bad[0], found.low[0]) == (False, False)
-
-
-def test_the_detail_of_two_attitudes() -> None:
-    """What b is, seen from a: tilt, heading and the turn in a's axes; only where asked for."""
-    a = Rotation.from_euler("ZYX", [30, 0, 0], degrees=True)
-    b = a * Rotation.from_rotvec([10, 0, 0], degrees=True)
-    q_a, q_b = np.tile(wxyz(a), (2, 1)), np.tile(wxyz(b), (2, 1))
-    detail = np.degrees(between_attitudes(np.array([True, False]), q_a, q_b))
-    assert detail[0] == pytest.approx([10, 0, 10, 0, 0], abs=1e-9)
-    assert np.isnan(detail[1]).all()
-
-
-def test_the_detail_of_a_vector() -> None:
-    """A difference of rates has no tilt and no heading."""
-    detail = along(np.array([[1.0, 2.0, 3.0]]))
-    assert np.isnan(detail[0, :2]).all()
-    assert detail[0, 2:].tolist() == [1, 2, 3]

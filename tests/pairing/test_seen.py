@@ -5,10 +5,24 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from gcs_bridge.pairing.neighbours import Answers, Lookup, Track
+from gcs_bridge.columns import Floats, Int64s
+from gcs_bridge.jit import Fields, kernel
+from gcs_bridge.pairing.seen import (
+    Series,
+    Waiting,
+    attitude_between,
+    hear,
+    new_series,
+    new_waiting,
+    reached,
+    take_waiting,
+    wait,
+)
+from tests.helpers.wire import wxyz
 
 S = 1_000_000
 GAP_US = S
@@ -16,34 +30,45 @@ GAP_US = S
 Heard = tuple[str, int]  # "s" of the series or "q" a query, and its time, µs; the frame_index is the place
 
 
-def track(heard: Sequence[tuple[int, Heard]], kind: str) -> Track:
-    """The messages of one kind; each row holds its own frame_index."""
-    mine = [(frame_index, t_us) for frame_index, (name, t_us) in heard if name == kind]
-    frame_indices = np.array([frame_index for frame_index, _ in mine], np.int64)
-    t_us = np.array([t_us for _, t_us in mine], np.int64)
-    return Track(frame_index=frame_indices, t_us=t_us, rows=frame_indices[:, None].astype(np.float64))
+@kernel
+def ask(
+    first: int, queries: Int64s, t_us: Int64s, rows: Floats, series: Fields, waiting: Fields, answers: Int64s
+) -> int:
+    """Take messages (n,), queries or of the series, in frames from `first` on; fill answers (m, 4), return how many."""
+    series, waiting, n = Series(*series), Waiting(*waiting), 0
+    for i in range(t_us.size):
+        if queries[i]:
+            at = wait(series, waiting, first + i, t_us[i])
+            if at >= 0:
+                waiting.rows[at, 0] = first + i
+        else:
+            hear(series, first + i, t_us[i], rows, i)
+        for at in range(take_waiting(waiting)):
+            before, behind = reached(series, waiting, at, GAP_US)
+            if behind >= 0:
+                last = series.t_us.size - 1
+                answers[n, 0], answers[n, 3] = np.int64(waiting.rows[at, 0]), first + i
+                answers[n, 1], answers[n, 2] = series.frame_index[before & last], series.frame_index[behind & last]
+                n += 1
+    return n
 
 
-def asked(heard: Sequence[Heard], cuts: Sequence[int] = ()) -> list[Answers]:
-    lookup = Lookup(1, 1, GAP_US)
-    numbered = list(enumerate(heard))
+def answers(heard: Sequence[Heard], cuts: Sequence[int] = ()) -> list[tuple[int, ...]]:
+    """Frames of the query, of its neighbours before and behind, and of what completed it."""
+    series, waiting, found = new_series(7), new_waiting(1), []
     edges = sorted({0, len(heard), *(cut for cut in cuts if cut < len(heard))})
-    parts = [numbered[begin:end] for begin, end in pairwise(edges)]
-    return [lookup.feed(track(part, "s"), track(part, "q")) for part in parts]
+    for begin, end in pairwise(edges):
+        part = heard[begin:end]
+        series, waiting = series.with_room(len(part)), waiting.with_room(len(part))
+        room = np.empty((waiting.n + len(part), 4), np.int64)
+        queries = np.array([kind == "q" for kind, _ in part], np.int64)
+        t_us = np.array([t_us for _, t_us in part], np.int64)
+        n = ask(begin, queries, t_us, np.zeros((len(part), 7)), tuple(series), tuple(waiting), room)
+        found += [tuple(row) for row in room[:n].tolist()]
+    return found
 
 
-def answers(heard: Sequence[Heard], cuts: Sequence[int] = ()) -> list[tuple[int, int, int, int]]:
-    """Ordinals of the query, of its neighbours before and behind, and of the frame that completed it."""
-    return [
-        (int(query), int(before), int(after), int(frame_index))
-        for found in asked(heard, cuts)
-        for query, before, after, frame_index in zip(
-            found.query.frame_index, found.before.frame_index, found.after.frame_index, found.frame_index, strict=True
-        )
-    ]
-
-
-def searched(heard: Sequence[Heard]) -> list[tuple[int, int, int, int]]:
+def searched(heard: Sequence[Heard]) -> list[tuple[int, ...]]:
     """The same, by looking at every pair of messages."""
     series: list[tuple[int, int]] = []  # in order of time: what comes late is nobody's neighbour
     for frame_index, (kind, t_us) in enumerate(heard):
@@ -63,7 +88,13 @@ def searched(heard: Sequence[Heard]) -> list[tuple[int, int, int, int]]:
             before = behind
         if before is not None:
             found.append((query, before[0], behind[0], max(query, behind[0])))
-    return sorted(found, key=lambda answer: (answer[3], answer[0]))
+    answered: list[tuple[int, ...]] = []
+    latest_us = -1  # what is not later than one that was answered is passed over
+    for answer in sorted(found, key=lambda answer: (answer[3], answer[0])):
+        if heard[answer[0]][1] > latest_us:
+            answered.append(answer)
+            latest_us = heard[answer[0]][1]
+    return answered
 
 
 @pytest.mark.parametrize(
@@ -83,38 +114,47 @@ def searched(heard: Sequence[Heard]) -> list[tuple[int, int, int, int]]:
         ([("s", 0), ("s", 500_000), ("s", S + 500_000), ("q", 499_999)], []),  # a query later than 1 s
         ([("s", 0), ("s", 500_000), ("s", S + 500_000), ("q", 500_000)], [(3, 0, 1, 3)]),
         ([("s", 0), ("q", 8), ("q", 3), ("s", 5), ("s", 9)], [(2, 0, 3, 3), (1, 3, 4, 4)]),  # as they are completed
+        ([("s", 0), ("q", 8), ("q", 3), ("s", 9)], [(1, 0, 3, 3)]),  # one behind a later one that was answered is not
     ],
 )
-def test_neighbours_by_hand(heard: list[Heard], expected: list[tuple[int, int, int, int]]) -> None:
+def test_neighbours_by_hand(heard: list[Heard], expected: list[tuple[int, ...]]) -> None:
     """Each query is answered by the first sample at or behind its time and the one before that, once both are there."""
     assert answers(heard) == expected
     assert searched(heard) == expected
 
 
-def test_place_and_gap() -> None:
-    """A query 0.2 s behind the one and 0.6 s before the other lies at a quarter of 0.8 s; an exact one at 0."""
-    (found,) = asked([("s", 0), ("q", 200_000), ("s", 800_000)])
-    assert found.place.tolist() == [0.25]
-    assert found.gap_s.tolist() == pytest.approx([0.8])
-    (exact,) = asked([("q", 7), ("s", 7)])
-    assert (exact.place.tolist(), exact.gap_s.tolist()) == ([0.0], [0.0])
+@kernel
+def between(t_us: int, series: Fields, out: Floats) -> None:
+    """Put down the attitude between the two of the series, the place, and the gap."""
+    q, out[4], out[5] = attitude_between(Series(*series), 0, 1, t_us)
+    for i in range(4):
+        out[i] = q[i]
 
 
-def test_the_rows_come_with_the_neighbours() -> None:
-    """Query and neighbours bring their own rows."""
-    (found,) = asked([("s", 0), ("q", 3), ("s", 5)])
-    assert (found.before.rows.item(), found.query.rows.item(), found.after.rows.item()) == (0.0, 1.0, 2.0)
+@pytest.mark.parametrize("rate_rad_s", [0.0, np.nan, 0.3], ids=["none", "unknown", "known"])
+def test_an_attitude_between_two(rate_rad_s: float) -> None:
+    """0.2 s behind the one and 0.6 s before the other is a quarter of 0.8 s: of a turn at constant rate, a quarter."""
+    series, out = new_series(7).with_room(2), np.empty(6)
+    for at, angle in enumerate((0.1, 0.1 + 0.3 * 0.8)):
+        turned = wxyz(Rotation.from_rotvec([0, 0, angle]))
+        series.t_us[at], series.rows[at] = at * 800_000, (*turned, 0.0, 0.0, rate_rad_s)
+    series.heard[0] = 2
+    between(200_000, tuple(series), out)
+    assert out[:4] == pytest.approx(wxyz(Rotation.from_rotvec([0, 0, 0.1 + 0.3 * 0.2])), abs=1e-12)
+    assert out[4:] == pytest.approx([0.25, 0.8])
 
 
 messages = st.lists(st.tuples(st.sampled_from("sq"), st.integers(0, 60).map(lambda n: n * 100_000)), max_size=40)
 
 
+@settings(deadline=None)  # the first one compiles
 @given(heard=messages, cuts=st.lists(st.integers(1, 40), max_size=8))
 def test_any_cutting_gives_the_same(heard: list[Heard], cuts: list[int]) -> None:
     """In whatever order times come and wherever they are cut, the answers are those of the slow search."""
     assert answers(heard, cuts) == answers(heard) == searched(heard)
 
 
+@settings(deadline=None)
 @given(
     steps=st.lists(st.tuples(st.sampled_from("sssq"), st.integers(-300_000, 700_000)), max_size=60),
     cuts=st.lists(st.integers(1, 60), max_size=8),
