@@ -1,6 +1,6 @@
 """A vehicle at 50 Hz on a real link, watched in a real viewer: what `listen` costs, and how old the newest sample is.
 
-    python -m benchmarks.live              # half a minute; the viewer runs without a window (Linux)
+    python -m benchmarks.live              # a minute; the viewer runs without a window (Linux)
 
 The flight is `b_copter_acro`, sent over UDP at the speed at which it was flown. Its age is the time now less the
 receive time of the newest sample that the viewer has, asked for some hundred times a second.
@@ -21,6 +21,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
+import numpy.typing as npt
 
 from gcs_bridge.mavlink.dialect import load_dialect
 from gcs_bridge.mavlink.scanner import Scanner
@@ -67,41 +68,66 @@ def ages(viewer_port: int, until: threading.Event) -> list[float]:
     return found
 
 
-def main() -> None:
-    """Measure, and print two lines."""
-    link_port, viewer_port = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
+def listening(viewer: str) -> tuple[subprocess.Popen[str], int]:
+    """`gcs-bridge listen` with such a viewer, and its port."""
+    port = free_port(socket.SOCK_DGRAM)
     program = [sys.executable, "-c", "import sys; from gcs_bridge.cli import main; sys.exit(main())"]
-    command = [*program, "listen", f"udpin:127.0.0.1:{link_port}", "--viewer", "web", "--duration", str(SECONDS + 8)]
-    listening = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=_QUIET)
-    assert listening.stderr is not None
-    address = next(filter(None, (re.search(r"url=(\S+?)&", line) for line in listening.stderr)))[1]
+    command = [*program, "listen", f"udpin:127.0.0.1:{port}", "--viewer", viewer, "--duration", str(SECONDS + 8)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=_QUIET), port
+
+
+def without_a_viewer() -> float:
+    """The share of a processor that it takes."""
+    process, port = listening("none")
+    assert process.stdout is not None
+    process.stdout.readline()  # the link is up
+    started = cpu_s(process.pid)
+    fly(port)
+    share = (cpu_s(process.pid) - started) / SECONDS
+    process.terminate()
+    process.communicate()
+    return share
+
+
+def with_a_viewer() -> tuple[float, npt.NDArray[np.float64]]:
+    """The same with one that looks on, and how old the newest sample is in it, ms."""
+    process, port = listening("web")
+    viewer_port = free_port(socket.SOCK_STREAM)
+    assert process.stderr is not None
+    address = next(filter(None, (re.search(r"url=(\S+?)&", line) for line in process.stderr)))[1]
     rerun = [sys.executable, "-m", "rerun_cli", "--headless", "--bind", "127.0.0.1", "--port", str(viewer_port)]
     viewer = subprocess.Popen(
         [*rerun, "--connect", unquote(address)], env=_QUIET, stderr=subprocess.DEVNULL, start_new_session=True
     )
     time.sleep(4)  # both have started by now
-    started = _cpu_s(listening.pid)
+    started = cpu_s(process.pid)
     done = threading.Event()
 
     def fly_and_tell() -> None:
-        fly(link_port)
+        fly(port)
         done.set()
 
     flight = threading.Thread(target=fly_and_tell)
     flight.start()
     measured = np.array(ages(viewer_port, done)) * 1e3
-    share = (_cpu_s(listening.pid) - started) / SECONDS
+    share = (cpu_s(process.pid) - started) / SECONDS
     os.killpg(viewer.pid, signal.SIGKILL)  # what was started starts the viewer, and does not take it along
     viewer.wait()
-    listening.terminate()
-    listening.communicate()
-    sys.stdout.write(f"listen with a viewer, 50 Hz: {share:.1%} of a core\n")
-    settled = measured[len(measured) // 5 :]
+    process.terminate()
+    process.communicate()
+    return share, measured[len(measured) // 5 :]
+
+
+def main() -> None:
+    """Measure, and print three lines."""
+    sys.stdout.write(f"listen without a viewer, 50 Hz: {without_a_viewer():.1%} of a processor\n")
+    share, settled = with_a_viewer()
+    sys.stdout.write(f"listen with a viewer, 50 Hz: {share:.1%} of a processor\n")
     low, high, worst = np.percentile(settled, [50, 95, 100])
     sys.stdout.write(f"age of the newest sample: median {low:.0f} ms, p95 {high:.0f} ms, max {worst:.0f} ms\n")
 
 
-def _cpu_s(pid: int) -> float:
+def cpu_s(pid: int) -> float:
     """Processor time that a running process has used, all its threads together."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -135,8 +135,12 @@ class Loop:
         for places, size, step in self.clocks:
             self._write(out, places, self._numbers(places, size) + number * step, size)
         self._write(out, self.frames + 4, self.sent + number * self.sent_in_all, 1)
-        self._write(out, self.ends - CRC_BYTES, self._checksums(out).astype(np.int64), CRC_BYTES)
+        self.seal(out)
         return out
+
+    def seal(self, out: Bytes) -> None:
+        """Make the checksums of copies anew."""
+        self._write(out, self.ends - CRC_BYTES, self._checksums(out).astype(np.int64), CRC_BYTES)
 
     def _numbers(self, places: Ints, size: int, towards: int = 1) -> Ints:
         """The whole numbers whose least significant byte is at `places`."""

@@ -53,7 +53,11 @@ def run(command: Sequence[str], environment: Mapping[str, str] | None = None) ->
         begun_s = time.perf_counter()
         # No `with`: wait4 is what waits, and tells what was used.
         child = subprocess.Popen(command, stdout=said, stderr=complained, env=environment)
-        _, status, used = os.wait4(child.pid, 0)
+        try:
+            _, status, used = os.wait4(child.pid, 0)
+        except BaseException:  # whoever stops this process stops what it measures
+            child.kill()
+            raise
         wall_s = time.perf_counter() - begun_s
         child.returncode = os.waitstatus_to_exitcode(status)
         output, errors = (_text(said.fileno()), _text(complained.fileno()))

@@ -27,12 +27,13 @@ PIECE = 2**22
 
 # stage → its functions. A function that is not there any more is named in the output and costs nothing else.
 STAGES = {
-    "scan": ["gcs_bridge.mavlink.scan:Scanner.scan"],
-    "decode": ["gcs_bridge.telemetry.component:decode"],
+    "scan": ["gcs_bridge.mavlink.scanner:Scanner.scan_pieces"],
+    "sort": ["gcs_bridge.telemetry.sorting:FrameSorter.sort"],
     "boot clock": ["gcs_bridge.telemetry.clocks:BootClock.read"],
     "samples": [
-        "gcs_bridge.telemetry.component:attitude_samples",
-        "gcs_bridge.telemetry.component:attitude_quaternion_samples",
+        "gcs_bridge.telemetry.attitudes:AttitudeReader.read",
+        "gcs_bridge.telemetry.inertial:ImuReader.read",
+        "gcs_bridge.telemetry.secondary:Ahrs2Reader.read",
     ],
     "vehicle (rest of reading)": ["gcs_bridge.telemetry.component:VehicleReader.read"],
     "align": ["gcs_bridge.pairing.pairs:Aligner.pair"],

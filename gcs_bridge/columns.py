@@ -46,10 +46,14 @@ class Columns:
     whole record, and go with any part of it.
     """
 
-    __dataclass_fields__: ClassVar[dict[str, Any]]
+    _first_field: ClassVar[str]
+
+    def __init_subclass__(cls) -> None:
+        if not hasattr(cls, "_first_field"):
+            cls._first_field = next(iter(cls.__annotations__))
 
     def __len__(self) -> int:
-        return len(self.__dict__[next(iter(self.__dataclass_fields__))])
+        return len(self.__dict__[self._first_field])
 
     def __getitem__(self, rows: Rows) -> Self:
         """Some of the rows."""

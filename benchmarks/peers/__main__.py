@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import signal
 import subprocess
 import sys
 import tempfile
@@ -163,10 +164,11 @@ def main(argv: list[str]) -> int:
     others, versions = peers(folder, arguments.peers, left_out)
     installed = ours(folder, wheel=arguments.wheel)
     results = Results(begun(installed, versions), left_out=left_out)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("terminated"))
     try:
         measure_all(results, installed, others, arguments)
     except BaseException:
-        print(results.show())  # much time may stand behind it
+        print(results.show(), flush=True)  # much time may stand behind it
         raise
     out.write_text(results.show(), "utf-8")
     print(results.show())

@@ -95,7 +95,7 @@ def _target_table(shown: Iterable[Target]) -> Iterator[str]:
 def _recording_table(of: Measured) -> Iterator[str]:
     yield (
         f"\n## {of.megabytes:g} MB\n\n{of.messages:,} messages, {sum(of.written.values()):,} of them "
-        f"{', '.join(COMPARED)}; {len(of.rounds)} rounds.\n\n| median (least…most) | wall, s | CPU, s | peak, MB "
+        f"{', '.join(COMPARED)}; rounds: {len(of.rounds)}.\n\n| median (least…most) | wall, s | CPU, s | peak, MB "
         "| rows | `check` is … times as fast | `read` is … times as fast |\n| --- | --- | --- | --- | --- | --- | --- |"
     )
     for name in dict.fromkeys(name for runs in of.rounds for name in runs):

@@ -7,9 +7,10 @@ Here is what a kernel needs beside: how a row is opened, and closed again.
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba.extending import overload
 
-from gcs_bridge.attitude import _rows, euler, gravity, kinematics, quaternion
+from gcs_bridge.attitude import _rows, dead_reckoning, euler, gravity, kinematics, quaternion
 from gcs_bridge.jit import helper, share
 
 share(
@@ -32,6 +33,9 @@ share(
     gravity.down_felt,
     gravity.tilt_felt,
     euler.quaternion_of_rpy,
+    dead_reckoning.is_quiet,
+    dead_reckoning.stays_quiet,
+    dead_reckoning.rests_since,
 )
 _LEAST, _MOST = _rows.LARGEST**-2, _rows.LARGEST**2
 _LARGEST = _rows.LARGEST
@@ -82,3 +86,25 @@ def put(parts, out, row):  # type: ignore[no-untyped-def]  # typed by numba
     """As `join`: write the parts into row `row` of out (n, k), without negative zeros."""
     for i in range(len(parts)):
         out[row, i] = parts[i] + 0.0
+
+
+REST = np.dtype([("latest_s", "f8"), ("quiet_since_s", "f8"), ("quiet", "?")])
+"""What is followed of a vehicle to know its rest: see `new_rest`."""
+
+
+def new_rest() -> npt.NDArray[np.void]:
+    """Of one vehicle (1,), before its first sample: for `is_at_rest`."""
+    return np.array([(-np.inf, -np.inf, False)], REST)
+
+
+@helper
+def is_at_rest(rest, t_s, f_b, w, may_rest):  # type: ignore[no-untyped-def]  # typed by numba
+    """As `RestWatch`, for the next sample: whether the vehicle is known to rest; `rest` is followed."""
+    force, rate = quaternion.length(f_b), quaternion.length(w)
+    if not np.isfinite(t_s + force + rate) or t_s < rest.latest_s:
+        return False
+    quiet = dead_reckoning.is_quiet(force, rate) and may_rest
+    if not dead_reckoning.stays_quiet(quiet, rest.quiet, t_s - rest.latest_s):
+        rest.quiet_since_s = t_s
+    rest.latest_s, rest.quiet = t_s, quiet
+    return dead_reckoning.rests_since(quiet, rest.quiet_since_s, t_s)

@@ -16,7 +16,7 @@ from gcs_bridge.attitude.quaternion import length
 REST_FORCE_M_S2 = 0.3
 """At rest the length of the specific force is off g by less than this."""
 
-REST_RATE_RAD_S = np.radians(2.9)
+REST_RATE_RAD_S: float = np.radians(2.9)
 """At rest the body turns slower than this."""
 
 REST_TIME_S = 3.0
@@ -27,6 +27,27 @@ REST_GAP_S = 1.0
 
 DRIFT_M_S2 = 0.3
 """b, the error of the acceleration that the drift's bounds b t and b t^2/2 allow for."""
+
+
+# Components
+
+
+def is_quiet(force: Array, rate: Array) -> Mask:
+    """Whether |f_b|, m/s^2, and |w|, rad/s, are those of a body at rest."""
+    return (np.abs(force - G_M_S2) < REST_FORCE_M_S2) & (rate < REST_RATE_RAD_S)
+
+
+def stays_quiet(quiet: Mask, was_quiet: Mask, gap_s: Array) -> Mask:
+    """Whether the time of rest goes on from the sample before, which was so long ago."""
+    return quiet & was_quiet & (gap_s <= REST_GAP_S)
+
+
+def rests_since(quiet: Mask, since_s: Array, t_s: Array) -> Mask:
+    """Whether rest is known, where it has been quiet since then."""
+    return quiet & (t_s - since_s >= REST_TIME_S)
+
+
+# Samples
 
 
 def at_rest(t_s: npt.ArrayLike, f_b: npt.ArrayLike, w: npt.ArrayLike, may_rest: npt.ArrayLike = True) -> Mask:
@@ -62,7 +83,7 @@ class RestWatch:
         t = _times(t_s)
         force = length(vector(shaped("f_b", f_b, len(t), 3)))
         rate = length(vector(shaped("w", w, len(t), 3)))
-        quiet = (np.abs(force - G_M_S2) < REST_FORCE_M_S2) & (rate < REST_RATE_RAD_S) & _allowed(may_rest, len(t))
+        quiet = is_quiet(force, rate) & _allowed(may_rest, len(t))
         resting = np.zeros(t.shape, dtype=bool)
         known = _in_turn(t, np.isfinite(t + force + rate), self._latest_s)
         if known.any():
@@ -70,11 +91,11 @@ class RestWatch:
         return resting
 
     def _long_enough(self, t: Array, quiet: Mask) -> Mask:
-        follows = np.concatenate(([self._quiet], quiet[:-1])) & (np.diff(t, prepend=self._latest_s) <= REST_GAP_S)
-        began = np.where(quiet & follows, -np.inf, t)
+        was_quiet = np.concatenate(([self._quiet], quiet[:-1]))
+        began = np.where(stays_quiet(quiet, was_quiet, np.diff(t, prepend=self._latest_s)), -np.inf, t)
         since = np.maximum.accumulate(np.concatenate(([self._quiet_since_s], began)))[1:]
         self._latest_s, self._quiet, self._quiet_since_s = float(t[-1]), bool(quiet[-1]), float(since[-1])
-        return quiet & (t - since >= REST_TIME_S)
+        return rests_since(quiet, since, t)
 
 
 def _times(t_s: npt.ArrayLike) -> Array:

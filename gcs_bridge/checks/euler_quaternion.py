@@ -306,7 +306,10 @@ def judge_pairs(
             vote(votes, places[0], pairs.frame_index[i], pairs.t_boot_us[i], angle, limit, detail)
         if angle <= limit and pairs.t_boot_us[i] > of.latest_us and np.isfinite(found.rotvec_body[i, 0]):
             of.latest_us = pairs.t_boot_us[i]
-            _rate_mean(votes, places[1], pairs, i, limits, sums, found)
+            is_enough, value, limit, turn = _mean(pairs, i, limits, sums, found)
+            if is_enough:
+                detail = _detail(found, i, turn)
+                vote(votes, places[1], pairs.frame_index[i], pairs.t_boot_us[i], value, limit, detail)
 
 
 # Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
@@ -380,8 +383,11 @@ def _is_withheld(pairs, i, of, found, may_be_fixed_wing):  # type: ignore[no-unt
 
 
 @helper
-def _rate_mean(votes, place, pairs, i, limits, sums, found):  # type: ignore[no-untyped-def]  # typed by numba
-    """The mean turn of the last seconds' good pairs, in world and body axes: noise averages out, offsets don't."""
+def _mean(pairs, i, limits, sums, found):  # type: ignore[no-untyped-def]  # typed by numba
+    """The mean turn of the last seconds' good pairs, in world and body axes: noise averages out, offsets don't.
+
+    Returns whether there are enough pairs, the angle and its limit, and the mean in body axes.
+    """
     t_us, bound = pairs.t_boot_us[i], pairs.bound_rad[i]
     weight = 1.0 / ((_WEIGHT_FLOOR_RAD + bound) * (_WEIGHT_FLOOR_RAD + bound))
     spread = weight * bound
@@ -389,14 +395,12 @@ def _rate_mean(votes, place, pairs, i, limits, sums, found):  # type: ignore[no-
     wx, wy, wz = row_at(found.rotvec_world, i)
     row = weight, spread * spread, weight * bx, weight * by, weight * bz, weight * wx, weight * wy, weight * wz
     count, since_us = slide_in(sums, t_us, row)
-    if count < limits.mean_pairs or t_us - since_us < 0.5e6 * limits.mean_window_s:
-        return
+    is_enough = count >= limits.mean_pairs and t_us - since_us >= 0.5e6 * limits.mean_window_s
     total, weights = sums.sums, sums.sums[0]
     in_body = total[2] / weights, total[3] / weights, total[4] / weights
     in_world = total[5] / weights, total[6] / weights, total[7] / weights
     limit = limits.mean_limit_rad + np.sqrt(max(total[1], 0.0)) / weights
-    value = max(length(in_body), length(in_world))
-    vote(votes, place, pairs.frame_index[i], t_us, value, limit, _detail(found, i, in_body))
+    return is_enough, max(length(in_body), length(in_world)), limit, in_body
 
 
 @helper

@@ -10,15 +10,28 @@ from typing import ClassVar, Literal
 import numpy as np
 from msgspec.structs import replace
 
-from gcs_bridge import attitude
-from gcs_bridge.alarms.votes import Ballot
-from gcs_bridge.attitude import RestWatch
-from gcs_bridge.checks.base import ImuCheck, length, rated
+from gcs_bridge.alarms.votes import Ballot, Votes, vote
+from gcs_bridge.attitude.compiled import is_at_rest, new_rest, ray_at, vector_at
+from gcs_bridge.attitude.gravity import down_felt, down_of, tilt_felt
+from gcs_bridge.attitude.quaternion import cross, exponential, length, product
+from gcs_bridge.checks.base import NO_DETAIL, ImuCheck, Watched, is_known, watch
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.checks.windows import SlidingSums
-from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
+from gcs_bridge.checks.windows import Sliding, SlidingSums, slide_in
+from gcs_bridge.columns import Floats, Int64s, Mask, Records
+from gcs_bridge.jit import Fields, helper, kernel
 from gcs_bridge.settings import AlarmSettings, GravitySettings
-from gcs_bridge.telemetry.samples import finite
+from gcs_bridge.telemetry.statements import held_at
+
+_STATE = np.dtype(
+    [
+        ("loud_us", "i8"),  # when the vehicle turned fast last, −1: never
+        # Of the settings.
+        ("window_us", "f8"),
+        ("below_rad_s", "f8"),
+        ("bank_rad", "f8"),
+    ]
+)
+_GROSS = 2  # place of that alarm, and of its limit
 
 
 class Gravity(ImuCheck):
@@ -33,14 +46,12 @@ class Gravity(ImuCheck):
         """Start with nothing judged."""
         super().__init__()
         self._settings = settings
-        self._delays = delays
-        self._at_once = replace(delays, on_delay_s=0.0)
+        self._limits = settings.warning_rad, settings.alarm_rad, settings.gross_rad
         # At rest a warning and an alarm; in flight an alarm.
         at_rest = "at rest the accelerometer's down is not the attitude's"
         gross = "for seconds the accelerometer's down is far from the attitude's"
-        self._warning, self._alarm = self._warning_and_alarm(at_rest, delays)
-        self._gross_alarm = self._alarm_spec("gross", "alarm", gross, self._at_once)
-        self.alarm_specs = self._warning, self._alarm, self._gross_alarm
+        gross_alarm = self._alarm_spec("gross", "alarm", gross, replace(delays, on_delay_s=0.0))
+        self.alarm_specs = *self._warning_and_alarm(at_rest, delays), gross_alarm
         self._start()
 
     def start_boot(self) -> None:
@@ -49,59 +60,34 @@ class Gravity(ImuCheck):
         self._start()
 
     def _start(self) -> None:
-        self._rest = RestWatch()
-        self._sums = SlidingSums(self._settings.gross_window_s, 6)
-        self._loud_us = RunningMax(-1)
+        settings = self._settings
+        self._rest, self._sums, self._state = new_rest(), SlidingSums(settings.gross_window_s, 6), np.zeros(1, _STATE)
+        self._state["loud_us"], self._state["window_us"] = -1, settings.gross_window_s * 1e6
+        self._state["below_rad_s"], self._state["bank_rad"] = settings.gross_below_rad_s, settings.gross_bank_rad
 
     def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Rate each sample of the IMU by the attitude at its time."""
         self._follow_scale(batch, ballot)
-        seen = batch.imu_with_attitude.where(finite(batch.imu_with_attitude.f_b_m_s2))
-        if not len(seen):
-            return
-        t_us, frame_index, force = seen.t_boot_us, seen.frame_index, seen.f_b_m_s2
-        # The IMU's axes are the body's before the trim: both downs are compared there.
-        q_nb = attitude.multiply(seen.q_nb, attitude.quaternion_from_rotvec(seen.trim_b_rad))
-        reported = np.where(finite(seen.w_b_rad_s)[:, None], seen.w_b_rad_s, seen.w1_b_rad_s)
-        resting = self._rest.feed(t_us * 1e-6, force, reported, seen.may_rest)
-        value = attitude.accelerometer_tilt(q_nb, force)
-        down = attitude.body_down(q_nb)
-        self._watch(t_us, value, resting & np.isfinite(value))
-        at = np.flatnonzero(resting & np.isfinite(value))
-        detail = _between_downs(down[at], force[at], value[at], self._settings.warning_rad)
-        for spec, limit in ((self._warning, self._settings.warning_rad), (self._alarm, self._settings.alarm_rad)):
-            ballot.rate(spec, rated(t_us[at], frame_index[at], value[at], limit, self._delays, detail))
-        self._gross(t_us, frame_index, force, reported, down, batch.fixed_wing.at(frame_index) == 1, ballot)
-
-    def _gross(
-        self,
-        t_us: Int64s,
-        frame_index: Int64s,
-        force: Floats,
-        rates: Floats,
-        down: Floats,
-        fixed_wing: Mask,
-        ballot: Ballot,
-    ) -> None:
-        """The mean specific force of some seconds against the mean down, while the vehicle turns slowly."""
-        settings = self._settings
-        size = np.sqrt(rates[:, 0] ** 2 + rates[:, 1] ** 2 + rates[:, 2] ** 2)
-        loud = ~(size < settings.gross_below_rad_s)
-        # On fixed wings a coordinated turn feels level.
-        loud |= fixed_wing & (np.abs(np.arctan2(down[:, 1], down[:, 2])) > settings.gross_bank_rad)
-        loud_us = self._loud_us.feed(np.where(loud, t_us, -1))[1:]
-        sums, _, since_us = self._sums.feed(t_us, np.hstack((force, down)))
-        window_us = settings.gross_window_s * 1e6
-        rows = np.flatnonzero((t_us - since_us >= 0.8 * window_us) & (t_us - loud_us >= window_us))
-        mean_force, mean_down = sums[rows, :3], sums[rows, 3:]
-        seen = attitude.down_from_specific_force(mean_force)
-        angle = np.arctan2(length(np.cross(mean_down, seen)), np.sum(mean_down * seen, axis=1))
-        known = np.isfinite(angle)
-        rows, angle = rows[known], angle[known]
-        detail = _between_downs(mean_down[known], mean_force[known], angle, settings.gross_rad)
-        ballot.rate(
-            self._gross_alarm, rated(t_us[rows], frame_index[rows], angle, settings.gross_rad, self._at_once, detail)
-        )
+        seen = batch.imu_with_attitude
+        if n := len(seen):
+            rate_downs(
+                tuple(ballot.votes(3 * n)),
+                tuple(self._watching(n)),
+                self._places(ballot),
+                self._limits,
+                self._state,
+                self._rest,
+                tuple(self._sums.room(n)),
+                batch.fixed_wing.steps,
+                seen.frame_index,
+                seen.t_boot_us,
+                seen.f_b_m_s2,
+                seen.w_b_rad_s,
+                seen.w1_b_rad_s,
+                seen.trim_b_rad,
+                seen.may_rest,
+                seen.q_nb,
+            )
 
     def why_not(self) -> str:
         """Why nothing was judged."""
@@ -110,18 +96,79 @@ class Gravity(ImuCheck):
         return "the vehicle was never known to be at rest for 3 s while its attitude came"
 
 
-def _between_downs(down: Floats, force: Floats, angle: Floats, above_rad: float) -> Floats:
-    """The detail (n, 5) of turns above a limit from the attitude's down to the accelerometer's: all of it tilt."""
-    detail = np.full((len(angle), 5), np.nan)
-    bad = angle > above_rad
-    if bad.any():
-        detail[bad] = _tilting(down[bad], force[bad], angle[bad])
-    return detail
+@kernel
+def rate_downs(
+    votes: Fields,
+    watched: Fields,
+    places: tuple[int, ...],
+    limits: tuple[float, float, float],
+    states: Records,
+    rest: Records,
+    sums: Fields,
+    fixed_wing: tuple[Int64s, Floats],
+    frame_index: Int64s,
+    t_us: Int64s,
+    f_b: Floats,
+    w_b: Floats,
+    w1_b: Floats,
+    trim_b: Floats,
+    may_rest: Mask,
+    q_nb: Floats,
+) -> None:
+    """Rate the accelerometer's down at samples (n,) with the attitude at their times."""
+    votes, watched, sums, state = Votes(*votes), Watched(*watched), Sliding(*sums), states[0]
+    for i in range(t_us.size):
+        if not is_known(f_b[i]):
+            continue
+        force, rates = vector_at(f_b, i), vector_at(w_b, i) if is_known(w_b[i]) else vector_at(w1_b, i)
+        q, norm2 = _before_trim(q_nb, trim_b, i)
+        down, rests = down_of(q, norm2), is_at_rest(rest[0], t_us[i] * 1e-6, force, rates, may_rest[i])
+        angle = tilt_felt(q, norm2, force) if rests else np.nan
+        watch(watched, t_us[i], angle, np.isfinite(angle))
+        _, since_us = slide_in(sums, t_us[i], (force[0], force[1], force[2], down[0], down[1], down[2]))
+        if _is_loud(state, rates, down, held_at(fixed_wing, frame_index[i]) == 1.0):
+            state.loud_us = max(state.loud_us, t_us[i])
+        mean_force = sums.sums[0], sums.sums[1], sums.sums[2]
+        mean_down = sums.sums[3], sums.sums[4], sums.sums[5]
+        mean_angle = np.nan
+        if t_us[i] - since_us >= 0.8 * state.window_us and t_us[i] - state.loud_us >= state.window_us:
+            mean_angle = _angle(mean_down, down_felt(mean_force))
+        for k in range(3):
+            value, own, felt = (mean_angle, mean_down, mean_force) if k == _GROSS else (angle, down, force)
+            if np.isfinite(value):
+                detail = _tilting(own, felt, value) if value > limits[k] else NO_DETAIL
+                vote(votes, places[k], frame_index[i], t_us[i], value, limits[k], detail)
 
 
-def _tilting(down: Floats, force: Floats, angle: Floats) -> Floats:
-    seen = attitude.down_from_specific_force(force)
-    axis = np.cross(seen, down)  # the attitude must turn the other way to see what the accelerometer sees
-    size = length(axis)
-    turn = axis * np.divide(angle, size, out=np.zeros_like(size), where=size > 0)[:, None]
-    return np.column_stack((angle, np.full_like(angle, np.nan), turn))
+@helper
+def _before_trim(q_nb, trim_b, i):  # type: ignore[no-untyped-def]  # typed by numba
+    """The attitude of the body's axes before the trim, which are the sensor's, and its squared norm."""
+    q, norm2 = ray_at(q_nb, i)
+    if trim_b[i, 0] != 0.0 or trim_b[i, 1] != 0.0 or trim_b[i, 2] != 0.0:
+        q = product(q, exponential(vector_at(trim_b, i)))
+        norm2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    return q, norm2
+
+
+@helper
+def _is_loud(state, rates, down, fixed_wing):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether the vehicle turns fast, or may: on fixed wings a coordinated turn feels level."""
+    return not length(rates) < state.below_rad_s or (fixed_wing and abs(np.arctan2(down[1], down[2])) > state.bank_rad)
+
+
+@helper
+def _angle(one, other):  # type: ignore[no-untyped-def]  # typed by numba
+    """The angle between two vectors."""
+    return np.arctan2(length(cross(one, other)), one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
+
+
+@helper
+def _tilting(down, force, angle):  # type: ignore[no-untyped-def]  # typed by numba
+    """The detail of a turn from the attitude's down to the accelerometer's: all of it tilt.
+
+    The attitude must turn the other way to see what the accelerometer sees.
+    """
+    x, y, z = cross(down_felt(force), down)
+    size = length((x, y, z))
+    share = angle / size if size > 0 else 0.0
+    return angle, np.nan, x * share, y * share, z * share

@@ -82,16 +82,18 @@ class Kinematics(Check):
         """Rate every step of both streams."""
         n = sum(map(len, batch.steps))
         if n:
-            judge_steps(
-                tuple(ballot.votes(2 * n)),
-                self._watching(n),
-                self._places(ballot),
-                tuple(self._limits),
-                self._turning,
-                self._denied,
-                *(_fields(steps) for steps in batch.steps),
-                *(tuple(sums.room(len(steps))) for sums, steps in zip(self._sums, batch.steps, strict=True)),
+            votes, places = ballot.votes(2 * n), self._places(ballot)
+            euler, quaternion = (
+                (
+                    places[2 * k : 2 * k + 2],
+                    self._turning[k],
+                    self._denied[k : k + 1],
+                    tuple(self._sums[k].room(len(steps))),
+                    _fields(steps),
+                )
+                for k, steps in enumerate(batch.steps)
             )
+            judge_steps(tuple(votes), self._watching(n), tuple(self._limits), euler, quaternion)
 
     def why_not(self) -> str:
         """Why nothing was judged."""
@@ -126,41 +128,29 @@ def _fields(steps: Steps) -> Fields:
     )
 
 
-class _Following(NamedTuple):
-    """What is followed of both streams, and who is told."""
+class _Stream(NamedTuple):
+    """One stream: its alarms, what is remembered of it, its steps."""
 
-    votes: Votes
-    watched: Watched
-    places: tuple[int, ...]  # of each stream the alarm of its steps, then the one of its slope
-    limits: _SlopeLimits
-    turning: Floats  # (2, 5)
-    denied: Mask  # (2,) whether the rates denied the last step
+    places: tuple[int, int]  # of the alarm of its steps, and of the one of its slope
+    turning: Floats
+    denied: Mask  # (1,) whether its rates denied the last step
+    sums: Sliding
+    steps: _Steps
 
 
 @kernel
-def judge_steps(
-    votes: Fields,
-    watched: Fields,
-    places: tuple[int, ...],
-    limits: Fields,
-    turning: Floats,
-    denied: Mask,
-    euler: Fields,
-    quaternion: Fields,
-    euler_sums: Fields,
-    quaternion_sums: Fields,
-) -> None:
+def judge_steps(votes: Fields, watched: Fields, limits: Fields, euler: Fields, quaternion: Fields) -> None:
     """Rate the steps of both streams in order of arrival; of one frame, the Euler angles' first."""
-    following = _Following(Votes(*votes), Watched(*watched), places, _SlopeLimits(*limits), turning, denied)
-    euler, quaternion = _Steps(*euler), _Steps(*quaternion)
-    euler_sums, quaternion_sums = Sliding(*euler_sums), Sliding(*quaternion_sums)
-    i, j, n, m = 0, 0, euler.t1_us.size, quaternion.t1_us.size
-    while i < n or j < m:
-        if j == m or (i < n and euler.frame_index[i] <= quaternion.frame_index[j]):
-            _judge_step(following, 0, euler, i, euler_sums)
+    votes, watched, limits = Votes(*votes), Watched(*watched), _SlopeLimits(*limits)
+    one, other = _stream(euler), _stream(quaternion)
+    first, second = one.steps.frame_index, other.steps.frame_index
+    i = j = np.int64(0)  # a plain 0 is a type of its own: numba would compile all that follows for that too
+    while i < first.size or j < second.size:
+        if j == second.size or (i < first.size and first[i] <= second[j]):
+            _judge_step(votes, watched, limits, one, i)
             i += 1
         else:
-            _judge_step(following, 1, quaternion, j, quaternion_sums)
+            _judge_step(votes, watched, limits, other, j)
             j += 1
 
 
@@ -168,21 +158,28 @@ def judge_steps(
 
 
 @helper
-def _judge_step(following, k, steps, i, sums):  # type: ignore[no-untyped-def]  # typed by numba
-    """Rate step `i` of stream `k`."""
+def _stream(fields):  # type: ignore[no-untyped-def]  # typed by numba
+    places, turning, denied, sums, steps = fields
+    return _Stream(places, turning, denied, Sliding(*sums), _Steps(*steps))
+
+
+@helper
+def _judge_step(votes, watched, limits, stream, i):  # type: ignore[no-untyped-def]  # typed by numba
+    """Rate the stream's step `i`."""
+    steps = stream.steps
     t_us, frame_index = steps.t1_us[i], steps.frame_index[i]
     residual, limit, denied = steps.rate_residual_rad[i], steps.limit_rad[i], steps.contradicts_rates[i]
     h_s = (t_us - steps.t0_us[i]) * 1e-6
     w0, w1, turn = row_at(steps.w0_b_rad_s, i), row_at(steps.w1_b_rad_s, i), row_at(steps.turn_b_rad, i)
     speed0, speed1 = length(w0), length(w1)
-    told = told_by_rates(following.turning[k], speed0, speed1, h_s)
+    told = told_by_rates(stream.turning, speed0, speed1, h_s)
     # Exactly zero at both ends of a turn, rates are not reported.
     reported = speed0 != 0.0 or speed1 != 0.0 or length(turn) <= _STILL_RAD
     usable = reported and np.isfinite(residual)
-    watch(following.watched, t_us, residual, usable and told)
+    watch(watched, t_us, residual, usable and told)
     # A lone step that the rates deny is a reset of the estimator: it has no vote.
-    is_alone = denied and not following.denied[k]
-    following.denied[k] = denied
+    is_alone = denied and not stream.denied[0]
+    stream.denied[0] = denied
     # The turn that the mean of the rates at both ends makes.
     half = 0.5 * h_s
     by_rates = half * (w0[0] + w1[0]), half * (w0[1] + w1[1]), half * (w0[2] + w1[2])
@@ -190,7 +187,7 @@ def _judge_step(following, k, steps, i, sums):  # type: ignore[no-untyped-def]  
         # What hardly turned is no contradiction, whatever the rates say of it.
         value = residual if denied else min(residual, limit)
         detail = np.nan, np.nan, turn[0] - by_rates[0], turn[1] - by_rates[1], turn[2] - by_rates[2]
-        vote(following.votes, following.places[2 * k], frame_index, t_us, value, limit, detail)
+        vote(votes, stream.places[0], frame_index, t_us, value, limit, detail)
     if not usable or denied:
         turn = by_rates = 0.0, 0.0, 0.0
     row = (
@@ -205,19 +202,22 @@ def _judge_step(following, k, steps, i, sums):  # type: ignore[no-untyped-def]  
         turn[2] * turn[2] / h_s,
         1.0 if usable and not denied else 0.0,
     )
-    _, since_us = slide_in(sums, t_us, row)
-    span_s = (t_us - since_us) * 1e-6
-    limits = following.limits
-    if sums.sums[9] >= limits.least_hz * span_s and span_s >= 0.8 * limits.window_s:
-        off = _off(sums.sums, 0, span_s, limits), _off(sums.sums, 1, span_s, limits), _off(sums.sums, 2, span_s, limits)
-        detail = np.nan, np.nan, max(off[0] - 1.0, 0.0), max(off[1] - 1.0, 0.0), max(off[2] - 1.0, 0.0)
-        vote(following.votes, following.places[2 * k + 1], frame_index, t_us, max(off), 1.0, detail)
+    _, since_us = slide_in(stream.sums, t_us, row)
+    span_s, of = (t_us - since_us) * 1e-6, stream.sums.sums
+    if of[9] >= limits.least_hz * span_s and span_s >= 0.8 * limits.window_s:
+        x = _off(of[0], of[3], of[6], span_s, limits)
+        y = _off(of[1], of[4], of[7], span_s, limits)
+        z = _off(of[2], of[5], of[8], span_s, limits)
+        detail = np.nan, np.nan, max(x - 1.0, 0.0), max(y - 1.0, 0.0), max(z - 1.0, 0.0)
+        vote(votes, stream.places[1], frame_index, t_us, max(x, y, z), 1.0, detail)
 
 
 @helper
-def _off(sums, axis, span_s, limits):  # type: ignore[no-untyped-def]  # typed by numba
-    """How far turn over rate about a body axis, by least squares, is from 1: 1 at the limit, on both sides."""
-    across, rates, turns = sums[axis], sums[3 + axis], sums[6 + axis]
+def _off(across, rates, turns, span_s, limits):  # type: ignore[no-untyped-def]  # typed by numba
+    """How far turn over rate about a body axis, by least squares, is from 1: 1 at the limit, on both sides.
+
+    `across`, `rates`, `turns`: sums of turn times rate, rate squared and turn squared.
+    """
     # Vibration faster than the samples looks like any slope, but turn and rate then hardly go together.
     is_coherent = across * across >= _COHERENCE * rates * turns
     if not is_coherent or rates <= limits.least_rad_s * limits.least_rad_s * span_s:

@@ -19,6 +19,7 @@ from gcs_bridge.checks.base import Check, Watched, watch
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.columns import Floats, Int64s, Records
 from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.pairing.seen import rates_of
 from gcs_bridge.settings import MagHeadingSettings
 
 _LEAST_GAUSS = 0.01  # the earth's field is 0.2 to 0.7: what reads less is no compass
@@ -106,15 +107,15 @@ def follow_difference(watched: Fields, states: Records, t_us: Int64s, field_b: F
         x, y, _ = turned(q, norm2, field)
         size = np.hypot(x, y)
         judged = size > 0 and t_us[i] - state.first_us >= state.skipped_us and _is_calm(state, q, norm2, w, i)
-        x, y = (x / size, y / size) if size > 0 else (0.0, 0.0)
-        off = abs(np.arctan2(state.north * y - state.east * x, state.north * x + state.east * y)) if judged else 0.0
-        state.north, state.east = state.north + x, state.east + y
+        north, east = (x / size, y / size) if size > 0 else (0.0, 0.0)
+        cross, along = state.north * east - state.east * north, state.north * north + state.east * east
+        off = abs(np.arctan2(cross, along)) if judged else 0.0
+        state.north, state.east = state.north + north, state.east + east
         watch(watched, t_us[i], off, judged)
 
 
 @helper
 def _is_calm(state, q, norm2, rates, i):  # type: ignore[no-untyped-def]  # typed by numba
-    """Whether the vehicle neither turns fast nor is banked far; rates that are no number are none."""
-    x, y, z = rates[i, 0], rates[i, 1], rates[i, 2]
-    rate = length((x if x == x else 0.0, y if y == y else 0.0, z if z == z else 0.0))
+    """Whether the vehicle neither turns fast nor is banked far."""
+    rate = length(rates_of(rates[i, 0], rates[i, 1], rates[i, 2]))
     return rate < state.quiet_below_rad_s and down_of(q, norm2)[2] > state.quiet_down

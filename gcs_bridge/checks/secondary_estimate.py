@@ -6,60 +6,59 @@ at any time. A second estimate that never agreed (without a compass its yaw does
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import msgspec
 import numpy as np
 
-from gcs_bridge import attitude
-from gcs_bridge.alarms.spec import AlarmSpec
-from gcs_bridge.alarms.votes import Ballot
-from gcs_bridge.checks.base import Check, between_attitudes, length, rated
+from gcs_bridge.alarms.votes import Ballot, Votes, vote
+from gcs_bridge.attitude.compiled import ray_at
+from gcs_bridge.attitude.gravity import down_of
+from gcs_bridge.attitude.quaternion import conjugated, length, logarithm, product, tilt_heading_of
+from gcs_bridge.checks.base import NO_DETAIL, Check, Watched, watch
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Floats, Int64s, Mask, RunningMax
-from gcs_bridge.pairing.neighbours import Lookup, Track, in_order
-from gcs_bridge.pairing.references import attitude_at
-from gcs_bridge.pairing.seen import ATTITUDE_WIDTH
+from gcs_bridge.columns import Floats, Int64s, Mask, Records
+from gcs_bridge.contract import Severity
+from gcs_bridge.jit import Fields, helper, kernel
+from gcs_bridge.pairing.seen import (
+    ATTITUDE_WIDTH,
+    Series,
+    Waiting,
+    attitude_between,
+    hear,
+    new_series,
+    new_waiting,
+    rates_at,
+    reached,
+    take_waiting,
+    wait,
+)
 from gcs_bridge.settings import AlarmSettings, AlignmentSettings, SecondaryEstimateSettings
 
 _STAMP_BOUND_S = 0.001  # stamps are whole milliseconds
+_PARTS = ("tilt", "heading")
+_SEVERITIES: tuple[Severity, ...] = ("warning", "alarm")
+_QUIET = ATTITUDE_WIDTH  # the column of an attitude behind its own: µs in which the vehicle was quiet
+_GAP = 4  # the column of a question behind its quaternion: the gap in which its time lies, µs
 
-
-class _Since:
-    """How long something has held, without a break, up to each sample."""
-
-    def __init__(self) -> None:
-        self._broken_us: RunningMax | None = None
-
-    def feed(self, t_us: Int64s, holds: Mask) -> Int64s:
-        """µs since it last did not hold, or since the first sample."""
-        if self._broken_us is None:
-            self._broken_us = RunningMax(int(t_us[0]))
-        return np.asarray(t_us - self._broken_us.feed(np.where(holds, -1, t_us))[1:])
-
-
-class _Part:
-    """Tilt or heading: whether the two estimates ever agreed in it."""
-
-    def __init__(self) -> None:
-        self.agreed = False
-        self._since = _Since()
-
-    def has_agreed(self, t_us: Int64s, angle: Floats, settings: SecondaryEstimateSettings) -> Mask:
-        """Whether, by each sample, they had agreed for long enough once."""
-        long_enough = self._since.feed(t_us, angle <= settings.agreed_rad) >= settings.agreed_s * 1e6
-        agreed = np.logical_or.accumulate(np.concatenate(([self.agreed], long_enough)))[1:]
-        self.agreed = bool(agreed[-1])
-        return agreed
-
-
-class _PartAlarms(NamedTuple):
-    """Of tilt or heading: a warning and an alarm in quiet flight; an alarm of gross differences at any time."""
-
-    warning: AlarmSpec
-    alarm: AlarmSpec
-    gross: AlarmSpec
+_STATE = np.dtype(
+    [
+        ("attitudes", "i8"),
+        ("unquiet_us", "i8"),  # when the vehicle turned fast or was banked last, or the first attitude
+        ("compared", "i8"),
+        ("first_us", "i8"),  # the first AHRS2 that was
+        # Of tilt and heading.
+        ("apart_us", "i8", (2,)),  # when the two estimates were apart last, or the first AHRS2
+        ("agreed", "i8", (2,)),  # whether they agreed for long enough once
+        # Of the settings.
+        ("quiet_us", "f8"),
+        ("quiet_below_rad_s", "f8"),
+        ("quiet_down", "f8"),  # the cosine of the bank
+        ("skipped_us", "f8"),
+        ("agreed_rad", "f8"),
+        ("agreed_us", "f8"),
+    ]
+)
 
 
 class SecondaryEstimate(Check):
@@ -78,23 +77,31 @@ class SecondaryEstimate(Check):
         super().__init__()
         self._settings = settings
         self._max_gap_us = alignment.max_gap_us
-        self._delays = delays
-        self._gross = msgspec.structs.replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.gross_s)
         self._came = False
-        self._never = {"tilt": True, "heading": True}
-        self._alarms = {part: self._alarms_of(part) for part in ("tilt", "heading")}
-        fine = (spec for alarms in self._alarms.values() for spec in (alarms.warning, alarms.alarm))
-        self.alarm_specs = *fine, *(alarms.gross for alarms in self._alarms.values())
-        self._start()
-
-    def _alarms_of(self, part: str) -> _PartAlarms:
-        what = f"the second estimate (AHRS2) has another {part}"
-        gross = f"the second estimate (AHRS2) has a wholly different {part}"
-        return _PartAlarms(
-            warning=self._alarm_spec(f"{part} warning", "warning", what, self._delays),
-            alarm=self._alarm_spec(f"{part} alarm", "alarm", what, self._delays),
-            gross=self._alarm_spec(f"{part} gross", "alarm", gross, self._gross),
+        self._never = dict.fromkeys(_PARTS, True)
+        gross = msgspec.structs.replace(delays, bad_samples=1, counted_samples=1, on_delay_s=settings.gross_s)
+        # In quiet flight a warning and an alarm of each part; an alarm of gross differences at any time.
+        fine = [
+            self._alarm_spec(f"{part} {severity}", severity, f"the second estimate (AHRS2) has another {part}", delays)
+            for part in _PARTS
+            for severity in _SEVERITIES
+        ]
+        wholly = [
+            self._alarm_spec(
+                f"{part} gross", "alarm", f"the second estimate (AHRS2) has a wholly different {part}", gross
+            )
+            for part in _PARTS
+        ]
+        self.alarm_specs = *fine, *wholly
+        self._limits = (
+            settings.tilt_warning_rad,
+            settings.tilt_alarm_rad,
+            settings.heading_warning_rad,
+            settings.heading_alarm_rad,
+            settings.gross_rad,
+            settings.gross_rad,
         )
+        self._start()
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone."""
@@ -102,63 +109,41 @@ class SecondaryEstimate(Check):
         self._start()
 
     def _start(self) -> None:
-        self._lookup = Lookup(5, ATTITUDE_WIDTH + 1, self._max_gap_us)
-        self._quiet = _Since()
-        self._parts = {"tilt": _Part(), "heading": _Part()}
-        self._first_us: int | None = None
-        self._latest_us = -1
+        settings = self._settings
+        self._series, self._waiting = new_series(ATTITUDE_WIDTH + 1), new_waiting(_GAP + 1)
+        self._states = np.zeros(1, _STATE)
+        state = self._states[0]
+        state["quiet_us"], state["quiet_below_rad_s"] = settings.quiet_s * 1e6, settings.quiet_below_rad_s
+        state["quiet_down"], state["skipped_us"] = np.cos(settings.quiet_bank_rad), settings.skipped_s * 1e6
+        state["agreed_rad"], state["agreed_us"] = settings.agreed_rad, settings.agreed_s * 1e6
 
     def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Rate each AHRS2 by the first estimate at its time."""
-        samples = batch.secondary.where(batch.secondary.valid)
-        rows = np.hstack((samples.q_nb, samples.gap_us[:, None] * 1e-6))
-        queries = Track(frame_index=samples.frame_index, t_us=samples.t_boot_us, rows=rows)
-        self._came |= len(queries) > 0
-        found = self._lookup.feed(self._with_quiet(batch.attitude), queries)
-        picked = in_order(found.query.t_us, self._latest_us)
-        if not len(picked):
+        first, second = batch.attitude, batch.secondary
+        attitude = first.frame_index, first.t_us, first.rows
+        if n := len(first):
+            self._series = self._series.with_room(n)
+        if not len(second) and not (n and self._waiting.n):
+            if n:
+                follow_quiet(self._states, tuple(self._series), *attitude)
             return
-        t_us, frame_index = found.query.t_us[picked], found.frame_index[picked]
-        self._latest_us = int(t_us[-1])
-        if self._first_us is None:
-            self._first_us = int(t_us[0])
-        first, second = attitude_at(found)[picked], found.query.rows[picked, :4]
-        gap_s, rates = found.query.rows[picked, 4], np.nan_to_num(found.after.rows[picked, 4:7])
-        rate = length(rates)
-        bound = (0.5 * gap_s + _STAMP_BOUND_S) * rate
-        quiet = found.after.rows[picked, 7] >= self._settings.quiet_s
-        judged = quiet & (t_us - self._first_us >= self._settings.skipped_s * 1e6)
-        tilt, heading = attitude.tilt_heading_between(first, second)
-        heading = np.abs(heading)
-        settings = self._settings
-        self._watch(t_us, tilt, judged)
-        for part, angle, limits in (
-            ("tilt", tilt, (settings.tilt_warning_rad, settings.tilt_alarm_rad)),
-            ("heading", heading, (settings.heading_warning_rad, settings.heading_alarm_rad)),
-        ):
-            agreed = self._parts[part].has_agreed(t_us, angle, settings)
-            self._never[part] &= not self._parts[part].agreed
-            alarms = self._alarms[part]
-            for spec, limit, where in (
-                (alarms.warning, limits[0], judged & agreed),
-                (alarms.alarm, limits[1], judged & agreed),
-                (alarms.gross, settings.gross_rad, agreed),
-            ):
-                at = np.flatnonzero(where & np.isfinite(angle))
-                limits_at = limit + bound[at]
-                detail = between_attitudes(angle[at] > limits_at, first[at], second[at])
-                ballot.rate(spec, rated(t_us[at], frame_index[at], angle[at], limits_at, spec.delays, detail))
-
-    def _with_quiet(self, track: Track) -> Track:
-        """The attitudes, each with the seconds since it was last turning fast or banked."""
-        if not len(track):
-            return replace(track, rows=np.empty((0, ATTITUDE_WIDTH + 1)))
-        settings = self._settings
-        rates = track.rows[:, 4:7]
-        slow = length(rates) < settings.quiet_below_rad_s
-        level = attitude.body_down(track.rows[:, :4])[:, 2] > np.cos(settings.quiet_bank_rad)
-        quiet_s = self._quiet.feed(track.t_us, slow & level) * 1e-6
-        return replace(track, rows=np.hstack((track.rows, quiet_s[:, None])))
+        self._came |= bool(second.valid.any())
+        self._waiting = self._waiting.with_room(len(second))
+        answers = self._waiting.n + len(second)
+        compare_estimates(
+            tuple(ballot.votes(6 * answers)),
+            tuple(self._watching(answers)),
+            self._places(ballot),
+            self._limits,
+            self._max_gap_us,
+            self._states,
+            tuple(self._series),
+            tuple(self._waiting),
+            attitude,
+            (second.frame_index, second.t_boot_us, second.q_nb, second.gap_us, second.valid),
+        )
+        for part, agreed in zip(_PARTS, self._states["agreed"][0].tolist(), strict=True):
+            self._never[part] &= not agreed
 
     def why_not(self) -> str:
         """Why nothing was judged."""
@@ -182,3 +167,97 @@ class SecondaryEstimate(Check):
         """That the estimates never agreed: then nothing can be told of the first by the second."""
         never = self.never_agreed
         return f"the two estimates never agreed in {' and '.join(never)}: that is not judged" if never else None
+
+
+@kernel
+def follow_quiet(states: Records, series: Fields, frame_index: Int64s, t_us: Int64s, rows: Floats) -> None:
+    """Take attitudes (n,) while there is nothing to compare with them."""
+    series = Series(*series)
+    for i in range(t_us.size):
+        _follow_quiet(states[0], series, frame_index, t_us, rows, i)
+
+
+@kernel
+def compare_estimates(
+    votes: Fields,
+    watched: Fields,
+    places: tuple[int, ...],
+    limits: tuple[float, ...],
+    max_gap_us: int,
+    states: Records,
+    series: Fields,
+    waiting: Fields,
+    first: tuple[Int64s, Int64s, Floats],
+    second: tuple[Int64s, Int64s, Floats, Int64s, Mask],
+) -> None:
+    """Take attitudes (n,) and AHRS2 (m,) in order of arrival, and compare what can be compared by then."""
+    votes, watched, state = Votes(*votes), Watched(*watched), states[0]
+    series, waiting = Series(*series), Waiting(*waiting)
+    frame_index, t_us, rows = first
+    second_frame_index, second_us, second_q, gap_us, valid = second
+    n = asked = 0
+    while n < t_us.size or asked < second_us.size:
+        if asked == second_us.size or (n < t_us.size and frame_index[n] < second_frame_index[asked]):
+            at = frame_index[n]
+            _follow_quiet(state, series, frame_index, t_us, rows, n)
+            n += 1
+        else:
+            at = second_frame_index[asked]
+            if valid[asked]:
+                _ask(series, waiting, at, second_us[asked], second_q[asked], gap_us[asked])
+            asked += 1
+        for question in range(take_waiting(waiting)):
+            before, behind = reached(series, waiting, question, max_gap_us)
+            if behind >= 0:
+                _compare(state, series, before, behind, waiting, question, at, places, limits, votes, watched)
+
+
+@helper
+def _follow_quiet(state, series, frame_index, t_us, rows, i):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take an attitude, and how long it has been that the vehicle turned fast or was banked."""
+    if not state.attitudes:
+        state.unquiet_us = t_us[i]
+    state.attitudes += 1
+    slow = length((rows[i, 4], rows[i, 5], rows[i, 6])) < state.quiet_below_rad_s
+    q, norm2 = ray_at(rows, i)
+    if not slow or not down_of(q, norm2)[2] > state.quiet_down:
+        state.unquiet_us = max(state.unquiet_us, t_us[i])
+    if hear(series, frame_index[i], t_us[i], rows, i):
+        series.rows[(series.heard[0] - 1) & (series.t_us.size - 1), _QUIET] = t_us[i] - state.unquiet_us
+
+
+@helper
+def _ask(series, waiting, frame_index, t_us, q, gap_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """Ask for the first estimate at an AHRS2's time."""
+    at = wait(series, waiting, frame_index, t_us)
+    if at >= 0:
+        for i in range(4):
+            waiting.rows[at, i] = q[i]
+        waiting.rows[at, _GAP] = gap_us
+
+
+@helper
+def _compare(state, series, before, behind, waiting, question, frame_index, places, limits, votes, watched):  # type: ignore[no-untyped-def]  # typed by numba
+    """Compare an AHRS2 with the first estimate at its time."""
+    t_us, last = waiting.t_us[question], series.t_us.size - 1
+    if not state.compared:
+        state.first_us = state.apart_us[0] = state.apart_us[1] = t_us
+    state.compared += 1
+    one, two = attitude_between(series, before, behind, t_us)[0], ray_at(waiting.rows, question)[0]
+    bound = (0.5 * waiting.rows[question, _GAP] * 1e-6 + _STAMP_BOUND_S) * length(rates_at(series.rows, behind & last))
+    quiet = series.rows[behind & last, _QUIET] >= state.quiet_us
+    judged = quiet and t_us - state.first_us >= state.skipped_us
+    tilt, heading = tilt_heading_of(product(two, conjugated(one)))
+    watch(watched, t_us, tilt, judged)
+    angles = tilt, abs(heading)
+    for part in range(2):
+        if not angles[part] <= state.agreed_rad:
+            state.apart_us[part] = max(state.apart_us[part], t_us)
+        state.agreed[part] |= t_us - state.apart_us[part] >= state.agreed_us
+    for a in range(6):
+        fine = a < 4
+        part = a // 2 if fine else a - 4
+        angle, limit = angles[part], limits[a] + bound
+        if state.agreed[part] and (judged or not fine) and np.isfinite(angle):
+            detail = (tilt, heading, *logarithm(product(conjugated(one), two))) if angle > limit else NO_DETAIL
+            vote(votes, places[a], frame_index, t_us, angle, limit, detail)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
@@ -132,6 +133,10 @@ class LiveRun:
         monitor = Monitor(
             settings=self._settings, dialect=options.dialect, observer=sinks.observer, on_frames=sinks.on_frames
         )
+        # What is there by now stays: no later collection of garbage goes through it, and holds the loop up meanwhile.
+        gc.collect()
+        gc.freeze()
+        stack.callback(gc.unfreeze)
         with beside():
             stop.patient = True
             links_left = listen(links, monitor, sinks.events, stop=lambda: stop.asked, duration_s=duration_s)

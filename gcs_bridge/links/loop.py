@@ -5,7 +5,8 @@ All time and all I/O of a live run is here and in the links; the monitor is give
 
 from __future__ import annotations
 
-import selectors
+import math
+import select
 import signal
 import time
 from collections.abc import Callable, Sequence
@@ -23,6 +24,7 @@ _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and 
 # So long what comes first waits for what comes with it: a vehicle sends its messages in bursts, and judging one costs
 # nearly the same whether it holds one message or ten.
 _GATHER_S = 0.003
+_AT_ONCE_S = 0.0001  # what was there already is told within this time
 _POLL_S = 0.01  # so often a link is asked that cannot be waited for
 
 
@@ -69,34 +71,39 @@ def listen(
     is the monitor's link n; in an event of the link itself, `link` is its name. Returns False if it ended because every
     link had.
     """
-    ends_s = None if duration_s is None else time.monotonic() + duration_s
-    with _Waiter() as waiter:
-        listened = [_Listened(number, link, monitor, tell) for number, link in enumerate(links)]
-        for one in listened:
-            waiter.add(one.link)
-            one.say(LinkUp)
-        taken_s = ticked_s = time.monotonic()
-        while not all(one.ended for one in listened):
-            now_s = time.monotonic()
-            if stop() or (ends_s is not None and now_s >= ends_s):
-                return True
-            came_s = taken_s  # what is there already came since then, while the last batch was judged
-            if not waiter.wait(0):
-                waiter.wait(_TICK_S if ends_s is None else min(_TICK_S, ends_s - now_s))
-                came_s = time.monotonic()
-            time.sleep(max(came_s + _GATHER_S - time.monotonic(), 0))
-            taken_s = time.monotonic()
-            open_ones = [one for one in listened if not one.ended]
-            heard = [one for one in open_ones if one.take()]
-            for one in [one for one in open_ones if one.ended]:
-                waiter.remove(one.link)
-                one.link.close()
-            if taken_s - ticked_s >= _TICK_S:
-                ticked_s = taken_s
-                for one in listened:
-                    if one not in heard:  # there may be more to come that waited while this process was held up
-                        one.advance()
+    ends_s = math.inf if duration_s is None else time.monotonic() + duration_s
+    listened = [_Listened(number, link, monitor, tell) for number, link in enumerate(links)]
+    for one in listened:
+        one.say(LinkUp)
+    taken_s = ticked_s = time.monotonic()
+    while open_ones := [one for one in listened if not one.ended]:
+        asked_s = time.monotonic()
+        if stop() or asked_s >= ends_s:
+            return True
+        _wait([one.link for one in open_ones], min(_TICK_S, ends_s - asked_s))
+        came_s = time.monotonic()
+        if came_s - asked_s < _AT_ONCE_S:
+            came_s = taken_s  # it came while the last batch was judged, and has waited since
+        time.sleep(max(came_s + _GATHER_S - time.monotonic(), 0))
+        taken_s = time.monotonic()
+        heard = [one for one in open_ones if one.take()]
+        if taken_s - ticked_s >= _TICK_S:
+            ticked_s = taken_s
+            for one in listened:
+                if one not in heard:  # there may be more to come that waited while this process was held up
+                    one.advance()
     return False
+
+
+def _wait(links: Sequence[Link], seconds: float) -> None:
+    """Until something has come on any of them; not long where there is one that cannot be waited for."""
+    descriptors = [descriptor for link in links if (descriptor := link.fileno()) is not None]
+    if len(descriptors) < len(links):
+        seconds = min(seconds, _POLL_S)
+    if descriptors:
+        select.select(descriptors, [], [], seconds)
+    else:  # Windows' select takes no empty lists
+        time.sleep(seconds)
 
 
 class _Listened:
@@ -117,6 +124,7 @@ class _Listened:
             chunks = self.link.drain()
         except LinkDownError as end:
             self.ended = True
+            self.link.close()
             self._tell(self._monitor.close_link(self._number, now_us()))
             self.say(LinkDown, reason=readable(str(end)))
             return False
@@ -136,42 +144,3 @@ class _Listened:
         at = utc(now_us())
         event = kind(vehicle=None, boot=None, boot_s=None, utc=at, check=None, link=readable(self.link.name), **more)
         self._tell([event])
-
-
-class _Waiter:
-    """Waits until something has come on any link; those without a descriptor are to be asked from time to time."""
-
-    def __init__(self) -> None:
-        self._selector = selectors.DefaultSelector()
-        self._without = 0
-
-    def __enter__(self) -> _Waiter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._selector.close()
-
-    def add(self, link: Link) -> None:
-        descriptor = link.fileno()
-        if descriptor is None:
-            self._without += 1
-        else:
-            self._selector.register(descriptor, selectors.EVENT_READ)
-
-    def remove(self, link: Link) -> None:
-        descriptor = link.fileno()
-        if descriptor is None:
-            self._without -= 1
-        else:
-            self._selector.unregister(descriptor)
-
-    def wait(self, seconds: float) -> bool:
-        """Whether something has come; False where that is not known."""
-        if self._without:
-            seconds = min(seconds, _POLL_S)
-        if not self._selector.get_map():
-            time.sleep(seconds)
-            return False
-        return bool(self._selector.select(seconds))

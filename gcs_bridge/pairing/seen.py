@@ -141,7 +141,7 @@ def hear(series, frame_index, t_us, rows, i):  # type: ignore[no-untyped-def]  #
     if n and t_us <= series.t_us[(n - 1) & last]:
         return False
     series.frame_index[n & last], series.t_us[n & last] = frame_index, t_us
-    for column in range(series.rows.shape[1]):
+    for column in range(rows.shape[1]):
         series.rows[n & last, column] = rows[i, column]
     series.heard[0] = n + 1
     return True
@@ -174,7 +174,7 @@ def attitude_between(series, before, behind, t_us):  # type: ignore[no-untyped-d
     one, two = before & last, behind & last
     gap_us = series.t_us[two] - series.t_us[one]
     place, gap_s = (t_us - series.t_us[one]) / max(gap_us, 1), gap_us * 1e-6
-    w0, w1 = _rates_at(series.rows, one), _rates_at(series.rows, two)
+    w0, w1 = rates_at(series.rows, one), rates_at(series.rows, two)
     q0, q1 = unit_at(series.rows, one), unit_at(series.rows, two)
     if gap_us > 0 and (w0[0] != 0 or w0[1] != 0 or w0[2] != 0) and (w1[0] != 0 or w1[1] != 0 or w1[2] != 0):
         q = interpolated(q0, q1, vector_of(w0[0], w0[1], w0[2]), vector_of(w1[0], w1[1], w1[2]), gap_s, place)[0]
@@ -184,9 +184,14 @@ def attitude_between(series, before, behind, t_us):  # type: ignore[no-untyped-d
 
 
 @helper
-def _rates_at(rows, at):  # type: ignore[no-untyped-def]  # typed by numba
-    """The rates of an attitude, those that are no number as none."""
-    x, y, z = rows[at, 4], rows[at, 5], rows[at, 6]
+def rates_at(rows, at):  # type: ignore[no-untyped-def]  # typed by numba
+    """The rates of an attitude, as `rates_of`."""
+    return rates_of(rows[at, 4], rows[at, 5], rows[at, 6])
+
+
+@helper
+def rates_of(x, y, z):  # type: ignore[no-untyped-def]  # typed by numba
+    """Rates as they are, those that are no number as none."""
     return where(np.isnan(x), 0.0, x), where(np.isnan(y), 0.0, y), where(np.isnan(z), 0.0, z)
 
 
@@ -256,23 +261,37 @@ def see_kernel(
 
 @helper
 def _ask(series, waiting, imu, i, max_gap_us, seen, counts):  # type: ignore[no-untyped-def]  # typed by numba
-    """Let an inertial sample wait, and answer it at once if an attitude has passed it already."""
-    t_us, n = imu.t_us[i], series.heard[0]
-    latest_us = series.t_us[(n - 1) & (series.t_us.size - 1)] if n else t_us - 1
-    if latest_us - t_us > _LATE_US:
+    """Ask about an inertial sample."""
+    at = wait(series, waiting, imu.frame_index[i], imu.t_us[i])
+    if at < 0:
         return
-    if waiting.left[0] == _PENDING:
-        _drop_first(waiting)
-    at = waiting.left[0]
-    waiting.left[0] += 1
-    waiting.frame_index[at], waiting.t_us[at] = imu.frame_index[i], t_us
     row = waiting.rows[at]
     for axis in range(3):
         row[axis], row[3 + axis] = imu.f_b_m_s2[i, axis], imu.w_b_rad_s[i, axis]
         row[6 + axis], row[9 + axis] = imu.m_b_gauss[i, axis], imu.trim_b_rad[i, axis]
     row[12], row[13], row[14] = imu.may_rest[i], imu.stands[i], imu.t_rx_us[i]
-    if latest_us >= t_us:
+    if latest_us(series) >= imu.t_us[i]:
         _answer_waiting(series, waiting, imu.frame_index[i], max_gap_us, seen, counts)
+
+
+@helper
+def latest_us(series):  # type: ignore[no-untyped-def]  # typed by numba
+    """When the latest attitude was, −1: there was none yet."""
+    n = series.heard[0]
+    return series.t_us[(n - 1) & (series.t_us.size - 1)] if n else np.int64(-1)
+
+
+@helper
+def wait(series, waiting, frame_index, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """Let a question wait: its place, at which the caller puts its row down, or −1 where it came too late."""
+    if latest_us(series) - t_us > _LATE_US:
+        return -1
+    if waiting.left[0] == _PENDING:
+        _drop_first(waiting)
+    at = waiting.left[0]
+    waiting.left[0] += 1
+    waiting.frame_index[at], waiting.t_us[at] = frame_index, t_us
+    return at
 
 
 @helper
@@ -292,22 +311,40 @@ def _move(waiting, at, to):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
+def take_waiting(waiting):  # type: ignore[no-untyped-def]  # typed by numba
+    """How many questions wait: each is to be given to `reached`, in turn, which lets it wait on or not."""
+    n = waiting.left[0]
+    waiting.left[0] = 0
+    return n
+
+
+@helper
+def reached(series, waiting, at, max_gap_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """Positions of the neighbours of a question that the latest attitude has reached; −1: of another, which waits on.
+
+    −1 too where none is near, and where one that is as late, or later, was answered before.
+    """
+    t_us = waiting.t_us[at]
+    if t_us > latest_us(series):
+        left = waiting.left[0]
+        if left < at:
+            _move(waiting, at, left)
+        waiting.left[0] = left + 1
+        return -1, -1
+    before, behind = neighbours(series, t_us, max_gap_us)
+    if behind < 0 or t_us <= waiting.latest_us[0]:
+        return -1, -1
+    waiting.latest_us[0] = t_us
+    return before, behind
+
+
+@helper
 def _answer_waiting(series, waiting, frame_index, max_gap_us, seen, counts):  # type: ignore[no-untyped-def]  # typed by numba
-    """Answer the questions that the latest attitude has reached, with the frame `frame_index`; the others wait on."""
-    latest_us = series.t_us[(series.heard[0] - 1) & (series.t_us.size - 1)]
-    left = 0
-    for at in range(waiting.left[0]):
-        t_us = waiting.t_us[at]
-        if t_us > latest_us:
-            if left < at:
-                _move(waiting, at, left)
-            left += 1
-            continue
-        before, behind = neighbours(series, t_us, max_gap_us)
-        if behind >= 0 and t_us > waiting.latest_us[0]:
-            waiting.latest_us[0] = t_us
+    """Put the samples down whose attitude is known with the frame `frame_index`."""
+    for at in range(take_waiting(waiting)):
+        before, behind = reached(series, waiting, at, max_gap_us)
+        if behind >= 0:
             _see(series, before, behind, waiting, at, frame_index, seen, counts)
-    waiting.left[0] = left
 
 
 @helper

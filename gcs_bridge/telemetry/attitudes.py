@@ -51,9 +51,9 @@ def _payload(frames, buffer, held, row):  # type: ignore[no-untyped-def]  # type
 
 
 @helper
-def take_rpy(roll, pitch, yaw, rpy_rad, q_nb, n):  # type: ignore[no-untyped-def]  # typed by numba
-    """Put down an attitude as sent in rad, intrinsic Z-Y-X (rule M11), in any range; whether it is one."""
-    rpy_rad[n, 0], rpy_rad[n, 1], rpy_rad[n, 2] = roll, pitch, yaw
+def turn_of_rpy(rpy_rad, q_nb, n):  # type: ignore[no-untyped-def]  # typed by numba
+    """Put down the quaternion of roll, pitch, yaw as sent: intrinsic Z-Y-X (M11), in any range; whether it is one."""
+    roll, pitch, yaw = rpy_rad[n, 0], rpy_rad[n, 1], rpy_rad[n, 2]
     put(quaternion_of_rpy(roll, pitch, yaw), q_nb, n)
     return np.isfinite(roll) and np.isfinite(pitch) and np.isfinite(yaw)
 
@@ -82,10 +82,10 @@ def _read_euler(
             payload = _payload(frames, buffer, held, timed[ROW, i])
             frame_index[n], boot[n] = timed[FRAME_INDEX, i], timed[BOOT, i]
             t_boot_us[n], t_rx_us[n] = timed[T_BOOT_US, i], timed[T_RX_US, i]
-            roll, pitch, yaw = float_in(payload, at[0]), float_in(payload, at[1]), float_in(payload, at[2])
-            valid[n] = take_rpy(roll, pitch, yaw, rpy_rad, q_nb, n)
             for axis in range(3):
+                rpy_rad[n, axis] = float_in(payload, at[axis])
                 w_nb_b_rad_s[n, axis] = float_in(payload, at[3 + axis])
+            valid[n] = turn_of_rpy(rpy_rad, q_nb, n)
             n += 1
     return n
 

@@ -29,7 +29,7 @@ RESTART_SILENCE_US = 1_000_000
 JUMP_US = 60_000_000  # a longer step forward needs the receive time, or a second message, to be believed
 
 _GOES_ON, _DOUBTED, _REBOOT, _STEP = range(4)  # what a message does to the clock
-_KINDS = {_REBOOT: "reboot", _STEP: "clock_step"}
+_NAMES = {_REBOOT: "reboot", _STEP: "clock_step"}
 CLOCK = np.dtype(
     [
         ("boot", "i8"),
@@ -240,7 +240,7 @@ class BootClock:
         if n:
             self._last = int(timed[BOOT, -1]), int(timed[T_BOOT_US, -1])
         return TimedMessages(timed, inside, before, _NO_BYTES if held is None else held), [
-            ClockChange(frame_index, t_rx_us, boot, _KINDS[kind], t_boot_us, step_us)
+            ClockChange(frame_index, t_rx_us, boot, _NAMES[kind], t_boot_us, step_us)
             for frame_index, t_rx_us, boot, kind, t_boot_us, step_us in changes[:n_changes].tolist()
         ]
 

@@ -5,34 +5,21 @@ They come in three scales, which are told apart here, and some on a clock of the
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.columns import Floats, Int64s, Mask
-from gcs_bridge.jit import helper, kernel
+from gcs_bridge.jit import kernel
 from gcs_bridge.mavlink.decode import float_in, int16_in, offsets, unsigned_in
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
 from gcs_bridge.telemetry.clocks import BOOT, FRAME_INDEX, OFFSET, ROW, T_BOOT_US, TimedMessages, on_boot_clock
-from gcs_bridge.telemetry.imu_units import UnitResolver
+from gcs_bridge.telemetry.imu_units import UnitResolver, Units
 from gcs_bridge.telemetry.messages import KIND, TIMED
-from gcs_bridge.telemetry.samples import ImuSamples, room_for_imu
+from gcs_bridge.telemetry.samples import ImuSamples
 from gcs_bridge.telemetry.sorting import Share, SortedFrames
 
 _AXES = [f"{axis}{of}" for of in ("acc", "gyro", "mag") for axis in "xyz"]
-
-
-# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
-
-
-@helper
-def _read_axes(payload, at, of, floats, scales, out, n):  # type: ignore[no-untyped-def]  # typed by numba
-    """The three numbers of sensor `of`, as they are on the wire, times its scale."""
-    for axis in range(3):
-        field = at[3 * of + axis]
-        out[n, axis] = (float_in(payload, field) if floats else np.float64(int16_in(payload, field))) * scales[of]
 
 
 @kernel
@@ -57,13 +44,12 @@ def _read_imu(
     t_boot_us: Int64s,
     t_rx_us: Int64s,
     t_us: Int64s,
-    f_b_m_s2: Floats,
-    w_b_rad_s: Floats,
-    m_b_gauss: Floats,
+    measured: Floats,
 ) -> int:
     """Read each IMU message from `start` to `end` of `by_message` in the window; return how many there are.
 
-    `timed`: the timed messages of the component, and before them the boot and time last believed.
+    `timed`: the timed messages of the component, and before them the boot and time last believed. `measured` (3, n, 3):
+    what the three sensors say, times their `scales`.
     """
     n = behind = 0
     for i in range(start, end):
@@ -85,9 +71,11 @@ def _read_imu(
             t_us[n] = unsigned_in(payload, at[9], 8)
             if us_before >= 0:
                 t_boot_us[n] = on_boot_clock(offset[0], boot_before, t_us[n], us_before)
-        _read_axes(payload, at, 0, floats, scales, f_b_m_s2, n)
-        _read_axes(payload, at, 1, floats, scales, w_b_rad_s, n)
-        _read_axes(payload, at, 2, floats, scales, m_b_gauss, n)
+        for sensor in range(3):
+            for axis in range(3):
+                field = at[3 * sensor + axis]
+                value = float_in(payload, field) if floats else np.float64(int16_in(payload, field))
+                measured[sensor, n, axis] = value * scales[sensor]
         n += 1
     return n
 
@@ -114,46 +102,58 @@ class ImuReader:
 
         `timed`: the vehicle's timed messages in the batch; `autopilot`: its name as told with that frame.
         """
-        units = self._units.units
-        samples = room_for_imu(self._name, "" if units is None else units.scale, share.count(self.kind))
-        samples = samples.first(
-            _read_imu(
-                batch.frames,
-                batch.buffer,
-                batch.by_message,
-                share.starts[self.kind],
-                share.starts[self.kind + 1],
-                batch.first,
-                batch.in_window,
-                self._at,
-                self._floats,
-                self._milliseconds,
-                self._scales,
-                timed.columns,
-                *timed.before,
-                self._offset,
-                samples.frame_index,
-                samples.boot,
-                samples.t_boot_us,
-                samples.t_rx_us,
-                samples.t_us,
-                samples.f_b_m_s2,
-                samples.w_b_rad_s,
-                samples.m_b_gauss,
-            )
+        n = share.count(self.kind)
+        frame_index, boot, t_boot_us, t_rx_us, t_us = (np.empty(n, np.int64) for _ in range(5))
+        measured = np.empty((3, n, 3))
+        found = _read_imu(
+            batch.frames,
+            batch.buffer,
+            batch.by_message,
+            share.starts[self.kind],
+            share.starts[self.kind + 1],
+            batch.first,
+            batch.in_window,
+            self._at,
+            self._floats,
+            self._milliseconds,
+            self._scales,
+            timed.columns,
+            *timed.before,
+            self._offset,
+            frame_index,
+            boot,
+            t_boot_us,
+            t_rx_us,
+            t_us,
+            measured,
         )
-        return samples if units is not None else self._resolved(samples, autopilot, autopilot_frame_index)
+        units = self._units.units
+        if units is None:
+            since = int(np.searchsorted(frame_index[:found], autopilot_frame_index))
+            units = self._resolve(measured[:, :found], autopilot, since)
+        force, rates, field = measured
+        return ImuSamples(
+            frame_index=frame_index,
+            boot=boot,
+            t_boot_us=t_boot_us,
+            t_rx_us=t_rx_us,
+            t_us=t_us,
+            f_b_m_s2=force,
+            w_b_rad_s=rates,
+            m_b_gauss=field,
+            source=self._name,
+            scale=units.scale,
+        ).first(found)
 
-    def _resolved(self, samples: ImuSamples, autopilot: str, autopilot_frame_index: int) -> ImuSamples:
-        """Samples as they were sent, in their units as far as these are known by now."""
-        since = int(np.searchsorted(samples.frame_index, autopilot_frame_index))
-        units, known_from = self._units.resolve(samples.f_b_m_s2, autopilot, since)
+    def _resolve(self, measured: Floats, autopilot: str, since: int) -> Units:
+        """Bring numbers (3, n, 3) as they were sent into units, as far as these are known by now: NaN before."""
+        units, known_from = self._units.resolve(measured[0], autopilot, since)
+        scales = np.array(units[:3])
+        measured *= scales[:, None, None]
+        measured[:, :known_from] = np.nan
         if self._units.units is not None:
-            self._scales = np.array(units[:3])
-        for numbers, scale in zip((samples.f_b_m_s2, samples.w_b_rad_s, samples.m_b_gauss), units[:3], strict=True):
-            numbers *= scale
-            numbers[:known_from] = np.nan
-        return replace(samples, scale=units.scale)
+            self._scales = scales
+        return units
 
 
 _AS_SENT: Floats = np.ones(3)

@@ -105,22 +105,6 @@ def room_for_ahrs2(n: int) -> Ahrs2Samples:
     )
 
 
-def room_for_imu(source: str, scale: str, n: int) -> ImuSamples:
-    """Room for n samples of `source`, one of IMU_MESSAGES, to be filled."""
-    return ImuSamples(
-        frame_index=np.empty(n, np.int64),
-        boot=np.empty(n, np.int64),
-        t_boot_us=np.empty(n, np.int64),
-        t_rx_us=np.empty(n, np.int64),
-        t_us=np.empty(n, np.int64),
-        f_b_m_s2=np.empty((n, 3)),
-        w_b_rad_s=np.empty((n, 3)),
-        m_b_gauss=np.empty((n, 3)),
-        source=source,
-        scale=scale,
-    )
-
-
 def no_attitudes(source: str) -> AttitudeSamples:
     """No sample at all of `source`."""
     return room_for_attitudes(source, 0)
@@ -128,7 +112,19 @@ def no_attitudes(source: str) -> AttitudeSamples:
 
 def no_imu(source: str) -> ImuSamples:
     """No sample at all of `source`."""
-    return room_for_imu(source, "unknown: none came", 0)
+    none, no_rows = np.empty(0, np.int64), np.empty((0, 3))
+    return ImuSamples(
+        frame_index=none,
+        boot=none,
+        t_boot_us=none,
+        t_rx_us=none,
+        t_us=none,
+        f_b_m_s2=no_rows,
+        w_b_rad_s=no_rows,
+        m_b_gauss=no_rows,
+        source=source,
+        scale="unknown: none came",
+    )
 
 
 def finite(rows: Floats) -> Mask:

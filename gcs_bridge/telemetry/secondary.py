@@ -13,7 +13,7 @@ from gcs_bridge.jit import kernel
 from gcs_bridge.mavlink.decode import float_in, offsets
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
-from gcs_bridge.telemetry.attitudes import take_rpy
+from gcs_bridge.telemetry.attitudes import turn_of_rpy
 from gcs_bridge.telemetry.clocks import BOOT, FRAME_INDEX, T_BOOT_US, TimedMessages
 from gcs_bridge.telemetry.messages import KIND
 from gcs_bridge.telemetry.samples import AHRS2, Ahrs2Samples, room_for_ahrs2
@@ -77,9 +77,11 @@ def _read_ahrs2(
             us_behind = timed[T_BOOT_US, behind]
             frame_index[n], boot[n], t_rx_us[n] = timed[FRAME_INDEX, behind], boot_before, one.t_rx_us
             t_boot_us[n], gap_us[n] = (us_before + us_behind) // 2, abs(us_behind - us_before)
-            roll, pitch, yaw = one.rpy_rad[0], one.rpy_rad[1], one.rpy_rad[2]
-            has_started = roll != 0.0 or pitch != 0.0 or yaw != 0.0
-            valid[n] = take_rpy(roll, pitch, yaw, rpy_rad, q_nb, n) and has_started
+            has_started = False  # as long as all three are exactly zero
+            for axis in range(3):
+                rpy_rad[n, axis] = one.rpy_rad[axis]
+                has_started |= rpy_rad[n, axis] != 0.0
+            valid[n] = turn_of_rpy(rpy_rad, q_nb, n) and has_started
             n += 1
     return n, left
 

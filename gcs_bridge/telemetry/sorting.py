@@ -66,7 +66,7 @@ class Share(NamedTuple):
 
 
 class SortedFrames(NamedTuple):
-    """A batch of a link's frames (n,), as they lie in `buffer`.
+    """A batch of a link's frames (n,), as they lie in `buffer`; `first`: the index of the first one in the link.
 
     `clock` (n,) index and receive time so far of each; `kind` (n,) of its message; `in_window` (n,), and whether all
     are. `arrival` and `by_message` are rows of frames, one component behind the other: within it in order of arrival,
@@ -75,6 +75,7 @@ class SortedFrames(NamedTuple):
 
     buffer: Bytes
     frames: Frames
+    first: int
     clock: LinkClock
     kind: Kinds
     in_window: Mask
@@ -83,14 +84,11 @@ class SortedFrames(NamedTuple):
     by_message: Int64s
     shares: list[Share]
 
-    @property
-    def first(self) -> int:
-        """The index of the first frame."""
-        return int(self.clock.frame_index[0])
-
     def frame_indices(self, share: Share) -> Int64s:
         """The indices of a component's frames in the link, in order of arrival."""
-        return np.take(self.clock.frame_index, self.arrival[share.start : share.end])
+        if share.end - share.start == len(self.frames):
+            return self.clock.frame_index
+        return self.clock.frame_index[self.arrival[share.start : share.end]]
 
     def rows(self, share: Share, kind: int) -> Int64s:
         """The rows of a component's messages of a kind, in order of arrival."""
@@ -257,6 +255,7 @@ class FrameSorter:
         return SortedFrames(
             buffer=buffer,
             frames=frames,
+            first=int(frame_index[0]),
             clock=LinkClock(frame_index, latest_rx_us),
             kind=kind,
             in_window=in_window,

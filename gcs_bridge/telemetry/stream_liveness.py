@@ -7,6 +7,7 @@ the vehicle's boot clock while any of its timed messages comes, and on receive t
 from __future__ import annotations
 
 from collections.abc import Iterator
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -105,14 +106,9 @@ def _rx_deadline_us(of, k):  # type: ignore[no-untyped-def]  # typed by numba
 
 @helper
 def _write(changes, n, frame_index, k, what, t_us, ago_us, silent_us):  # type: ignore[no-untyped-def]  # typed by numba
-    """Put down a change, behind those of the same frame or before; return how many there are."""
-    at = n
-    while at > 0 and changes[at - 1, 0] > frame_index:
-        for column in range(6):
-            changes[at, column] = changes[at - 1, column]
-        at -= 1
-    changes[at, 0], changes[at, 1], changes[at, 2] = frame_index, k, what
-    changes[at, 3], changes[at, 4], changes[at, 5] = t_us, ago_us, silent_us
+    """Put down a change; return how many there are."""
+    changes[n, 0], changes[n, 1], changes[n, 2] = frame_index, k, what
+    changes[n, 3], changes[n, 4], changes[n, 5] = t_us, ago_us, silent_us
     return n + 1
 
 
@@ -220,23 +216,23 @@ def _take(
 
 
 @kernel
-def _wait(liveness: npt.NDArray[np.void], first: int, latest_rx_us: Int64s, until: int, changes: Int64s) -> int:
-    """Let time pass up to row `until` of the link's frames; return how many changes that brings."""
-    return _pass_silence(liveness[0], first, latest_rx_us, until, changes, 0)  # type: ignore[no-any-return]  # numba types it
+def _wait(
+    liveness: npt.NDArray[np.void], first: int, latest_rx_us: Int64s, until: int, changes: Int64s
+) -> tuple[int, int]:
+    """Let time pass up to row `until` of the link's frames.
 
-
-@kernel
-def _due(liveness: npt.NDArray[np.void]) -> int:
-    """The receive time from which on time alone may bring a change."""
+    Return how many changes that brings, and the receive time from which on time alone may bring the next.
+    """
     of, due_us = liveness[0], NEVER_US
+    n = _pass_silence(of, first, latest_rx_us, until, changes, 0)
     if of.latest_rx_us >= 0:
         for k in range(2):
             stream = of.stream[k]
             if stream.seen and not stream.silence_told:
-                due_us = min(due_us, of.latest_rx_us + _long_us(of))
+                due_us = min(due_us, of.latest_rx_us + _long_us(of) + 1)
             if stream.alive:
-                due_us = min(due_us, of.latest_rx_us + _rx_deadline_us(of, k))
-    return due_us
+                due_us = min(due_us, of.latest_rx_us + _rx_deadline_us(of, k) + 1)
+    return n, due_us
 
 
 class Liveness:
@@ -244,6 +240,7 @@ class Liveness:
 
     def __init__(self, settings: StreamSettings) -> None:
         """Start before the first message."""
+        self.due_us = NEVER_US  # the link's receive time from which on `pass_silence`, called last, may tell more
         self._state = np.zeros(1, _LIVENESS)
         for name in ("first_us", "latest_rx_us", "latest_frame_index", "both_since_us"):
             self._state[name] = _NO_TIME
@@ -261,11 +258,6 @@ class Liveness:
         """Time so far in which both streams were alive."""
         both_us, since_us, latest_us = (int(self._state[name][0]) for name in ("both_us", "both_since_us", "latest_us"))
         return both_us if since_us == _NO_TIME else both_us + max(latest_us - since_us, 0)
-
-    @property
-    def due_us(self) -> int:
-        """The receive time of the link from which on time alone may bring a change."""
-        return int(_due(self._state))
 
     def take(self, line: Timeline, link: LinkClock) -> Iterator[StreamChange]:
         """Follow the next messages, and the clock of the link that brought them; yield what starts, ends or resumes."""
@@ -293,10 +285,12 @@ class Liveness:
         if until_frame_index is not None:
             until = until_frame_index + 1 - first
         changes = np.empty((_MOST, 6), np.int64)
-        if n := _wait(self._state, first, link.latest_rx_us, until, changes):
+        n, self.due_us = _wait(self._state, first, link.latest_rx_us, until, changes)
+        if n:
             yield from _as_changes(changes[:n])
 
 
 def _as_changes(changes: Int64s) -> Iterator[StreamChange]:
-    for frame_index, stream, what, t_boot_us, ago_us, silent_us in changes.tolist():
+    """In order of their frames: of two silences that end with one message the later one may have been found first."""
+    for frame_index, stream, what, t_boot_us, ago_us, silent_us in sorted(changes.tolist(), key=itemgetter(0)):
         yield StreamChange(frame_index, stream, _WHATS[what], t_boot_us, ago_us, silent_us)

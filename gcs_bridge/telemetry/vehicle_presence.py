@@ -71,9 +71,9 @@ class Presence:
 
     @property
     def due_us(self) -> int:
-        """The receive time of the link beyond which it is lost, if nothing of it comes."""
+        """The receive time of the link from which on it is lost, if nothing of it comes."""
         heard_us = int(self._state["heard_us"][0])
-        return NEVER_US if heard_us < 0 or self._state["lost"][0] else heard_us + LOST_AFTER_US
+        return NEVER_US if heard_us < 0 or self._state["lost"][0] else heard_us + LOST_AFTER_US + 1
 
     def take(self, frame_indices: Int64s, link: LinkClock) -> Iterator[PresenceChange]:
         """Follow the next frames of the link, of which `frame_indices` are the vehicle's; yield each change."""

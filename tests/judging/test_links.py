@@ -8,11 +8,14 @@ from typing import Any
 import pytest
 
 from gcs_bridge import Monitor
+from gcs_bridge.events import Notice, utc
+from gcs_bridge.judging.link import LinkVehicle
 from gcs_bridge.judging.monitor import Monitor as JudgingMonitor
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.mavlink.scanner import RawFrame
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
+from gcs_bridge.telemetry.link_clock import LinkClock
 from tests.helpers import wire
 
 Event = dict[str, Any]
@@ -123,6 +126,39 @@ def test_frames_of_datagrams_judged_together_are_handed_on_before_with_their_own
     sent = [(frame, wire.START_US + i) for i, (_, frame) in enumerate(HEALTHY[:3])]
     monitor.feed_datagrams(sent)
     assert [(frame.data, frame.t_rx_us) for frame in seen] == sent
+
+
+def test_a_vehicle_that_sends_nothing_is_looked_at_when_its_time_has_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sixty others on the link cost nothing while one flies on; five seconds behind their beat all of them are lost."""
+    looked_at: list[tuple[int, int]] = []
+    advance = LinkVehicle.advance
+
+    def counted(vehicle: LinkVehicle, clock: LinkClock) -> list[Notice]:
+        looked_at.append(vehicle.reader.vehicle.address)
+        return advance(vehicle, clock)
+
+    monkeypatch.setattr(LinkVehicle, "advance", counted)
+    monitor, others = Monitor(), [(2 + i, 1) for i in range(60)]
+    for sysid, _ in others:
+        monitor.feed(wire.heartbeat(sysid=sysid), wire.START_US)
+    early = feed(monitor, until(HEALTHY, 4.95), 0)
+    assert (looked_at, named(early, "vehicle_lost")) == ([], [])
+    late = named(feed(monitor, until(HEALTHY, 9.0, 4.95), 0), "vehicle_lost")
+    assert sorted(tuple(event["vehicle"]) for event in late) == others
+    assert {event["utc"] for event in late} == {utc(wire.START_US + 5 * S)}
+    assert sorted(looked_at) == others
+
+
+def test_an_alarm_that_is_shelved_while_its_vehicle_is_silent_returns_in_time() -> None:
+    """Nothing of the vehicle comes any more: the time of the link alone ends it, with the first frame behind it."""
+    monitor = Monitor()
+    (raised,) = named(feed(monitor, until(FAULTY, 8.0), 0), "alarm_raised")
+    end_us = wire.START_US + 8 * S
+    monitor.shelve(raised["id"], end_us, 1.5)
+    beats = [(end_us + quarter * S // 4, wire.heartbeat(sysid=9, seq=quarter)) for quarter in range(1, 12)]
+    told = [(t_us, event) for t_us, beat in beats for event in feed(monitor, [(t_us, beat)], 0)]
+    back = [t_us for t_us, event in told if event["event"] == "alarm_unshelved"]
+    assert back == [end_us + 3 * S // 2]
 
 
 def test_observers_see_vehicles_alone_and_all_of_them() -> None:

@@ -1,9 +1,11 @@
 """What is told while links are listened to: the same as a recording tells, and what silence means."""
 
 import bisect
+import contextlib
 import os
 import pty
 import socket
+import threading
 import time
 import tty
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +17,9 @@ from typing import Any
 import pytest
 
 from gcs_bridge import Monitor
+from gcs_bridge.chunks import Chunks
 from gcs_bridge.links.link import DatagramLink, Link
+from gcs_bridge.links.loop import listen
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.uri import NetworkUri, SerialUri
 from gcs_bridge.mavlink.scanner import RawFrame
@@ -211,6 +215,109 @@ def test_broken_datagrams_do_not_reach_into_each_other() -> None:
     assert together.feed_datagrams(datagrams) == events
     assert together.close() == alone.close()
     assert alone.close().files[0].salvage.gap_count == len(range(5, len(datagrams), 11))
+
+
+# --- batches ---------------------------------------------------------------------------------------------------------
+
+
+class Taken:
+    """A monitor that judges nothing, and takes its time for it: `batches` are (link, datagrams)."""
+
+    def __init__(self, takes_s: float = 0.0) -> None:
+        self.batches: list[tuple[int, list[bytes]]] = []
+        self._takes_s = takes_s
+
+    def open_link(self, link: int, *, datagrams: bool) -> None:
+        assert datagrams
+
+    def take(self, chunks: Chunks, link: int) -> list[Any]:
+        self.batches.append((link, [bytes(chunk.data) for chunk in chunks]))
+        time.sleep(self._takes_s)
+        return []
+
+    def advance(self, _t_rx_us: int, _link: int) -> list[Any]:
+        return []
+
+    def of(self, link: int) -> list[bytes]:
+        return [datagram for number, batch in self.batches if number == link for datagram in batch]
+
+
+@contextlib.contextmanager
+def taking(monitor: Any, *links: Link) -> Iterator[None]:
+    """`listen` in a thread, for such a monitor."""
+    stop = threading.Event()
+    thread = threading.Thread(target=listen, args=(links, monitor, lambda _: None), kwargs={"stop": stop.is_set})
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+        for link in links:
+            link.close()
+
+
+def test_a_burst_is_one_batch() -> None:
+    """What a vehicle sends within a millisecond or two is judged at once; nothing waits for the next burst."""
+    link, uri = udp_link()
+    monitor = Taken()
+    with taking(monitor, link), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for burst in range(20):
+            for message in range(4):
+                sender.sendto(bytes([burst, message]), (uri.host, uri.port))
+                time.sleep(0.0003)
+            time.sleep(0.03)
+    assert monitor.of(0) == [bytes([burst, message]) for burst in range(20) for message in range(4)]
+    # Where the sender, or the loop, is held up in the middle of a burst, it is two, or two are one.
+    assert sum([datagram[1] for datagram in batch] == [0, 1, 2, 3] for _, batch in monitor.batches) > 10
+
+
+def test_a_slow_machine_takes_larger_batches() -> None:
+    """Where judging takes longer than what comes gives it, all is taken, in order, in fewer batches."""
+    link, uri = udp_link()
+    monitor = Taken(takes_s=0.02)
+    sent = [index.to_bytes(2, "big") for index in range(600)]
+    with taking(monitor, link), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for datagram in sent:
+            sender.sendto(datagram, (uri.host, uri.port))
+            time.sleep(0.0005)
+        wait_until(lambda: len(monitor.of(0)) == len(sent))
+    assert monitor.of(0) == sent
+    assert len(monitor.batches) < len(sent) / 6
+
+
+def test_a_fast_link_beside_a_slow_one() -> None:
+    """However much comes on one, the other is asked with each batch: no flood makes it wait for two."""
+    (fast, fast_uri), (slow, slow_uri) = udp_link(), udp_link()
+    monitor = Taken(takes_s=0.01)
+    ended = threading.Event()
+
+    def flood() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while not ended.is_set():
+                for _ in range(100):
+                    sender.sendto(b"flood", (fast_uri.host, fast_uri.port))
+                time.sleep(0.001)
+
+    with (
+        taking(monitor, fast, slow),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+        contextlib.ExitStack() as stack,
+    ):
+        flooding = threading.Thread(target=flood)
+        flooding.start()
+        stack.callback(flooding.join)
+        stack.callback(ended.set)
+        wait_until(lambda: len(monitor.batches) > 3)
+        for index in range(20):
+            before = len(monitor.batches)
+            sender.sendto(bytes([index]), (slow_uri.host, slow_uri.port))
+            wait_until(lambda index=index: len(monitor.of(1)) == index + 1)  # type: ignore[misc]
+            place = [number for number, _ in monitor.batches].index(1, before)
+            assert place - before <= 2
+        ended.set()
+    assert monitor.of(1) == [bytes([index]) for index in range(20)]
+    assert len(monitor.of(0)) > 1000
 
 
 # --- silence ---------------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs_bridge.settings import StreamSettings
-from gcs_bridge.telemetry.link_clock import LinkClock
+from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.stream_liveness import OTHER, Liveness, StreamChange, Timeline
 
 START_US = 1_700_000_000_000_000
@@ -136,6 +136,29 @@ def test_samples_that_come_late_within_the_deadline_are_no_silence() -> None:
         what, t, _ = story[i]
         story[i] = (what, max(t - 1500, 0), t)
     assert moments(story) == STARTED
+
+
+def test_many_changes_in_one_batch_are_all_told() -> None:
+    """A stream that stops for three seconds forty times: more than one call has room for."""
+    story: list[Message] = []
+    for begin in range(0, 240_000, 6000):
+        story += both(begin, begin + 2000) + [(EULER, t, t) for t in range(begin + 2100, begin + 6000, 100)]
+    whats = [turn.what for turn in told(story)[0]]
+    assert whats == ["started", "started", *["stale", "resumed"] * 39, "stale"]
+
+
+def test_before_its_deadline_nobody_need_ask() -> None:
+    """Time alone changes nothing until two seconds behind the last message, then until ten, and never again."""
+    _, liveness = told(both(0, 5000))
+    for silent_us, what in ((2_000_000, "stale"), (10_000_000, "silent")):
+        due_us = START_US + 5_000_000 + silent_us + 1
+        assert liveness.due_us == due_us
+        at = np.array([1000])
+        assert list(liveness.pass_silence(LinkClock(at, np.array([due_us - 1])))) == []
+        changes = list(liveness.pass_silence(LinkClock(at, np.array([due_us]))))
+        assert [change.what for change in changes] == [what] * 2
+    assert liveness.due_us == NEVER_US
+    assert told([])[1].due_us == NEVER_US
 
 
 def test_nothing_at_all_is_nothing() -> None:
