@@ -4,10 +4,10 @@ import pytest
 
 pytest.register_assert_rewrite("tests.helpers")
 
-from gcs_bridge import Monitor  # noqa: E402, F401  with it come all kernels
-from gcs_bridge.jit import prepare  # noqa: E402
-
 
 @pytest.fixture(scope="session", autouse=True)
 def _compiled() -> None:
+    """All kernels, however many workers begin at once: each compiles what no other does."""
+    from gcs_bridge.jit import prepare
+
     prepare("gcs_bridge")

@@ -2,16 +2,18 @@
 
 import functools
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from typing import Any
+from unittest import mock
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs_bridge import Monitor
+from gcs_bridge import Monitor, diagnosis
 from gcs_bridge.checks.quaternion_norm import QuaternionNorm
+from gcs_bridge.diagnosis import Diagnosis, Window
 from gcs_bridge.errors import UsageError
 from tests.helpers import wire
 from tests.helpers.craft import (
@@ -48,20 +50,31 @@ def flown(*spans_s: tuple[float, float], seconds: float, **given: Any) -> list[R
     return Craft(**{"quaternion": faulty(*spans_s), "hz": HZ, **given}).records(seconds)
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _quick_doctor() -> Iterator[None]:
+    """Alarms ask a doctor who knows no mistake, and says what it was shown: `tests/diagnosis` asks the real one."""
+
+    def look(window: Window, _: Any) -> Diagnosis:
+        shown = (of.t_boot_us.tolist() for of in (window.euler, window.quaternion))
+        return Diagnosis(causes=("unknown",), values=((),), confidence="unknown", fix=str(list(shown)))
+
+    with mock.patch.object(diagnosis, "diagnose", look):
+        yield
+
+
 class Watch:
     """Somebody who watches a flight and answers its alarms on the way."""
 
-    def __init__(self, records: Iterable[Record], *, at_once: bool = True) -> None:
+    def __init__(self, records: Iterable[Record]) -> None:
         self.monitor = Monitor()
         self._records = deque(records)
-        self._at_once = at_once
 
-    def until(self, t_s: float) -> list[Json]:
-        """The alarms' events of what comes before this second."""
+    def until(self, t_s: float, *, at_once: bool = True) -> list[Json]:
+        """The alarms' events of what comes before this second, all at once or frame by frame."""
         piece = []
         while self._records and self._records[0][0] < rx_us(t_s):
             piece.append(wire.record(*self._records.popleft()))
-        pieces = [b"".join(piece)] if self._at_once else piece
+        pieces = [b"".join(piece)] if at_once else piece
         events = [event for one in pieces for event in self.monitor.feed_recording(one)]
         return [event for event in events if event["event"].startswith("alarm_")]
 
@@ -295,27 +308,28 @@ def test_unshelved_when_it_is_gone() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("at_once", [True, False])
 def test_shelving_ends_wherever_the_pieces_are_cut(at_once: bool) -> None:
-    """Shelved at 7 s for 10 s: at 17 s it is told as unshelved, still standing, and its end at 21.4 s as well."""
-    watch = Watch(flown((5, 19), seconds=23, hz=5.0), at_once=at_once)
+    """Shelved at 7 s for 5 s: at 12 s it is told as unshelved, still standing, and its end at 16.4 s as well."""
+    watch = Watch(flown((5, 14), seconds=18, hz=5.0))
     watch.until(7)
-    watch.monitor.shelve(ID, rx_us(7), 10)
-    events = watch.rest()
+    watch.monitor.shelve(ID, rx_us(7), 5)
+    events = watch.until(1e6, at_once=at_once)
     assert [event["event"] for event in events] == ["alarm_unshelved", "alarm_raised", "alarm_cleared"]
     assert [event["utc"] for event in events] == [
-        "2023-11-14T22:13:37.000Z",
-        "2023-11-14T22:13:37.000Z",
-        "2023-11-14T22:13:41.400Z",
+        "2023-11-14T22:13:32.000Z",
+        "2023-11-14T22:13:32.000Z",
+        "2023-11-14T22:13:36.400Z",
     ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("at_once", [True, False])
 def test_what_comes_behind_the_shelving_is_told(at_once: bool) -> None:
-    """Shelved from 7 to 17 s: the return within is not told, that behind is."""
-    watch = Watch(flown((5, 9), (12, 13.5), (20, 23), seconds=26, hz=5.0), at_once=at_once)
+    """Shelved from 7 to 16 s: the return within is not told, that behind is."""
+    watch = Watch(flown((5, 9), (12, 13.5), (17, 19), seconds=22, hz=5.0))
     watch.until(7)
-    watch.monitor.shelve(ID, rx_us(7), 10)
-    assert moments(watch.rest()) == [("unshelved", None), ("pending", 20.4), ("raised", 21.4), ("cleared", 25.4)]
+    watch.monitor.shelve(ID, rx_us(7), 9)
+    seen = moments(watch.until(1e6, at_once=at_once))
+    assert seen == [("unshelved", None), ("pending", 17.4), ("raised", 18.4), ("cleared", 21.4)]
 
 
 def test_shelving_ends_while_nothing_comes() -> None:
@@ -428,7 +442,7 @@ def story(cuts: list[int]) -> tuple[list[Json], Json]:
 
 
 @pytest.mark.slow
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(cuts=st.lists(st.integers(0, 10**6), max_size=60))
 def test_any_cutting_tells_the_same_story(cuts: list[int]) -> None:
     """In pieces of any size the events and the report are the same, to the last bit, with an alarm on the shelf."""

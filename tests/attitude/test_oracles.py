@@ -76,7 +76,8 @@ def test_products_vectors_and_distances(q: Array, other: Array) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_euler_angles(q: Array, sequence: str) -> None:
-    """All 24 sequences of 1e5 random rotations agree with SciPy to 1e-12 rad away from their singularities."""
+    """All 24 sequences of 1e4 random rotations agree with SciPy to 1e-12 rad away from their singularities."""
+    q = q[: N // 10]
     expected = rotation(q).as_euler(sequence)
     got = attitude.euler_from_quaternion(q, sequence)
     away = ~attitude.near_gimbal_lock(q, 1e-2, sequence)

@@ -36,12 +36,6 @@ class Ended(NamedTuple):
     err: str
 
 
-@pytest.fixture(scope="module", autouse=True)
-def compiled() -> None:
-    """The first run after an installation announces that it compiles; have it done."""
-    subprocess.run([PROGRAM, "check", COPTER], capture_output=True, check=True, timeout=60)
-
-
 @pytest.fixture
 def inject(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Runs the command in an empty folder."""
@@ -196,17 +190,14 @@ def test_numbers_by_hand(fault: str, said: str, inject: Any) -> None:
     assert said in inject(COPTER, "--fault", fault).out
 
 
-@pytest.mark.slow
-def test_the_next_command_is_ready_to_be_typed(tmp_path: Path) -> None:
+def test_the_next_command_is_ready_to_be_typed(inject: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A shell takes it as it stands, even with a space in the name, and it finds the 25° that were put in."""
     target = tmp_path / "my flight.tlog"
-    command = [str(PROGRAM), "inject", str(COPTER), "--fault", "yaw_offset:25", "--output", str(target)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    told = shlex.split(done.stdout.partition("next: ")[2])
-    assert told == ["gcs-bridge", "check", str(target)]
-    checked = subprocess.run([str(PROGRAM), *told[1:]], capture_output=True, text=True, check=False, timeout=60)
-    assert checked.returncode == 1
-    assert "heading 25.0" in " ".join(checked.stdout.split())
+    ended = inject(COPTER, *faults("yaw_offset:25"), "--output", target)
+    program, *arguments = shlex.split(ended.out.partition("next: ")[2])
+    assert (program, arguments) == ("gcs-bridge", ["check", str(target)])
+    assert main(arguments) == 1
+    assert "heading 25.0" in " ".join(capsys.readouterr().out.split())
 
 
 def test_the_list_names_every_fault(capsys: pytest.CaptureFixture[str]) -> None:

@@ -88,24 +88,22 @@ def boot_ms_of(moment: AlarmWindow) -> list[int]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "fault", "sizes"),
+    ("name", "fault", "size"),
     [
-        ("c_copter_4hz", "yaw_offset:25", (65536, 257)),
-        ("h_lossy_dirty", "quaternion_conjugate", (1009,)),
-        ("b2_mixed_rates", "roll_sign", (1009,)),
+        ("c_copter_4hz", "yaw_offset:25", 509),
+        ("h_lossy_dirty", "quaternion_conjugate", 1009),
+        ("b2_mixed_rates", "roll_sign", 1009),
     ],
 )
-def test_a_moment_does_not_depend_on_how_the_recording_was_cut(name: str, fault: str, sizes: tuple[int, ...]) -> None:
-    """Whole, in pieces of 64 KiB, of a frame or of some: the same moments, to the last bit."""
+def test_a_moment_does_not_depend_on_how_the_recording_was_cut(name: str, fault: str, size: int) -> None:
+    """Whole or in pieces of some frames: the same moments, to the last bit."""
     data = turned(name, fault, from_s=14.0)[:150_000]
     whole = by_id(watched([data]))
-    assert whole
-    for size in sizes:
-        found = by_id(watched(cut(data, size)))
-        assert found.keys() == whole.keys()
-        for alarm_id, moment in found.items():
-            for part, expected in whole[alarm_id].items():
-                assert same(moment[part], expected), part
+    found = by_id(watched(cut(data, size)))
+    assert found.keys() == whole.keys() != set()
+    for alarm_id, moment in found.items():
+        for part, expected in whole[alarm_id].items():
+            assert same(moment[part], expected), part
 
 
 def test_a_moment_holds_every_attitude_of_the_ten_seconds_on_both_sides() -> None:
@@ -212,7 +210,7 @@ def test_an_alarm_that_comes_again_has_one_moment() -> None:
 
 @pytest.mark.slow
 def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without an alarm, some 15 s are kept of 60; and of a clock that stands still no more than so many frames."""
+    """Without an alarm, some 15 s are kept of 30; and of a clock that stands still no more than so many frames."""
 
     def kept_of(flight: list[Record]) -> list[int]:
         """The frame_indices of the messages that are still kept behind the flight, of pieces of 20 frames."""
@@ -228,9 +226,9 @@ def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
             kept.take(monitor.feed_recording(wire.tlog(flight[at : at + 20])))
         return [frame_index for ref in seen if (one := ref()) for frame_index in one.segment.frame_index.tolist()]
 
-    assert 15 * 50 <= len(kept_of(flown(60, fault_s=(99.0, 99.0)))) <= 15 * 50 + 40
+    assert 15 * 50 <= len(kept_of(flown(30, fault_s=(99.0, 99.0)))) <= 15 * 50 + 40
     monkeypatch.setattr(moments, "_MOST_FRAMES", 200)
-    still = [(wire.START_US + 20_000 * i, wire.attitude(10_000, (0, 0, 0), seq=i)) for i in range(1500)]
+    still = [(wire.START_US + 20_000 * i, wire.attitude(10_000, (0, 0, 0), seq=i)) for i in range(800)]
     assert 2 * 200 <= len(kept_of(still)) <= 2 * 200 + 40
 
 
@@ -240,12 +238,12 @@ def test_too_many_moments_at_once_are_counted(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(moments, "_MOST_OPEN", 1)
     kept = AlarmWindows()
     monitor = Monitor(observer=kept.observe)
-    frames = flown(60, fault_s=(30.0, 99.0))
-    broken = [  # and from 33 s on its norm is off by 5 %: another check's alarm
-        (t_us, wire.attitude_quaternion(40_000 + 3000 + 40 * i, np.array([1.05, 0, 0, 0])))
-        for i, t_us in enumerate(range(wire.START_US + 33_000_000, wire.START_US + 60_000_000, 40_000))
+    frames = flown(25, fault_s=(10.0, 99.0))
+    broken = [  # and from 13 s on its norm is off by 5 %: another check's alarm
+        (t_us, wire.attitude_quaternion(20_000 + 3000 + 40 * i, np.array([1.05, 0, 0, 0])))
+        for i, t_us in enumerate(range(wire.START_US + 13_000_000, wire.START_US + 25_000_000, 40_000))
     ]
-    kept_frames = [r for r in frames if r[0] < wire.START_US + 33_000_000 or r[1][7] != 31]
+    kept_frames = [r for r in frames if r[0] < wire.START_US + 13_000_000 or r[1][7] != 31]
     found = kept.take(monitor.feed_recording(wire.tlog(sorted(kept_frames + broken, key=lambda r: r[0]))))
     found += kept.take(monitor.finish()) + kept.finish()
     assert len(found) == 1

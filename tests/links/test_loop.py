@@ -171,16 +171,16 @@ def test_every_frame_is_recorded_byte_for_byte(recording: Recording) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("frames", "shows"),
+    ("flight", "shows"),
     [
-        (fixture("e_two_vehicles", to_s=4, fault="yaw_offset:25"), "alarm_raised"),
-        (fixture("f_reboot", from_s=11, to_s=15), "reboot"),
+        (partial(fixture, "e_two_vehicles", to_s=4, fault="yaw_offset:25"), "alarm_raised"),
+        (partial(fixture, "f_reboot", from_s=11, to_s=15), "reboot"),
     ],
     ids=["two vehicles", "a reboot"],
 )
-def test_datagrams_at_once_are_datagrams_one_by_one(frames: Sequence[RawFrame], shows: str) -> None:
+def test_datagrams_at_once_are_datagrams_one_by_one(flight: Callable[[], Sequence[RawFrame]], shows: str) -> None:
     """Bit for bit: report, events and what is recorded."""
-    datagrams = [(frame.data, frame.t_rx_us) for frame in frames]
+    datagrams = [(frame.data, frame.t_rx_us) for frame in flight()]
     told = []
 
     def keep(seen: list[RawFrame], _: int | str, frames: Sequence[RawFrame]) -> None:

@@ -730,7 +730,8 @@ def damaged(cuts: list[tuple[int, int, bytes]]) -> tuple[bytes, list[Found]]:
     for at, removed, put_in in cuts:
         data[at : at + removed] = put_in
         owner[at : at + removed] = [-1] * len(put_in)
-    places = [np.flatnonzero(np.array(owner) == i) for i in range(len(rows))]
+    owners = np.array(owner)
+    places = [np.flatnonzero(owners == i) for i in range(len(rows))]
     whole = [len(p) == len(row) == p[-1] - p[0] + 1 if len(p) else False for p, row in zip(places, rows, strict=True)]
     return bytes(data), [as_found(row[8:]) for row, left in zip(rows, whole, strict=True) if left]
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gcs_bridge.columns import Floats, Int64s
-from gcs_bridge.jit import Fields, kernel
+from gcs_bridge.columns import FloatRows, Floats, Int64Rows, Int64s
+from gcs_bridge.jit import kernel
 from gcs_bridge.pairing.seen import (
     Series,
     Waiting,
@@ -32,10 +32,10 @@ Heard = tuple[str, int]  # "s" of the series or "q" a query, and its time, µs; 
 
 @kernel
 def ask(
-    first: int, queries: Int64s, t_us: Int64s, rows: Floats, series: Fields, waiting: Fields, answers: Int64s
+    first: int, queries: Int64s, t_us: Int64s, rows: FloatRows, series: Series, waiting: Waiting, answers: Int64Rows
 ) -> int:
     """Take messages (n,), queries or of the series, in frames from `first` on; fill answers (m, 4), return how many."""
-    series, waiting, n = Series(*series), Waiting(*waiting), 0
+    n = 0
     for i in range(t_us.size):
         if queries[i]:
             at = wait(series, waiting, first + i, t_us[i])
@@ -63,7 +63,7 @@ def answers(heard: Sequence[Heard], cuts: Sequence[int] = ()) -> list[tuple[int,
         room = np.empty((waiting.n + len(part), 4), np.int64)
         queries = np.array([kind == "q" for kind, _ in part], np.int64)
         t_us = np.array([t_us for _, t_us in part], np.int64)
-        n = ask(begin, queries, t_us, np.zeros((len(part), 7)), tuple(series), tuple(waiting), room)
+        n = ask(begin, queries, t_us, np.zeros((len(part), 7)), series, waiting, room)
         found += [tuple(row) for row in room[:n].tolist()]
     return found
 
@@ -124,9 +124,9 @@ def test_neighbours_by_hand(heard: list[Heard], expected: list[tuple[int, ...]])
 
 
 @kernel
-def between(t_us: int, series: Fields, out: Floats) -> None:
+def between(t_us: int, series: Series, out: Floats) -> None:
     """Put down the attitude between the two of the series, the place, and the gap."""
-    q, out[4], out[5] = attitude_between(Series(*series), 0, 1, t_us)
+    q, out[4], out[5] = attitude_between(series, 0, 1, t_us)
     for i in range(4):
         out[i] = q[i]
 
@@ -139,7 +139,7 @@ def test_an_attitude_between_two(rate_rad_s: float) -> None:
         turned = wxyz(Rotation.from_rotvec([0, 0, angle]))
         series.t_us[at], series.rows[at] = at * 800_000, (*turned, 0.0, 0.0, rate_rad_s)
     series.heard[0] = 2
-    between(200_000, tuple(series), out)
+    between(200_000, series, out)
     assert out[:4] == pytest.approx(wxyz(Rotation.from_rotvec([0, 0, 0.1 + 0.3 * 0.2])), abs=1e-12)
     assert out[4:] == pytest.approx([0.25, 0.8])
 

@@ -5,6 +5,7 @@ import math
 import random
 import struct
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,19 @@ def judged(data: bytes) -> tuple[list[Json], Json]:
     (entry,) = monitor.close().to_dict()["files"]
     (vehicle,) = entry["vehicles"]
     return events, vehicle
+
+
+@cache
+def as_recorded(name: str) -> Json:
+    """The only vehicle's entry of a recording as it is; for reading alone."""
+    return judged(recording(name))[1]
+
+
+@cache
+def faulty_from_12_s(name: str, fault: str) -> tuple[bytes, list[Json], Json]:
+    """A recording with a fault from second 12 on, its events and its only vehicle's entry; for reading alone."""
+    data = falsified(name, fault, from_s=12.0)
+    return data, *judged(data)
 
 
 def of_the_two_forms(vehicle: Json) -> list[Json]:
@@ -96,10 +110,9 @@ def test_one_alarm_in_time(name: str, fault: str) -> None:
     """A fault from second 12 on raises exactly one alarm of the two forms, within 1.5 s of vehicle time of where SciPy
     sees it, with its cause; nothing else comes before it.
     """
-    data = falsified(name, fault, from_s=12.0)
+    data, events, vehicle = faulty_from_12_s(name, fault)
     t_s, angle_deg = disagreement(data)
     onset_s = t_s[angle_deg > LIMIT_DEG][0]
-    events, vehicle = judged(data)
     (alarm,) = of_the_two_forms(vehicle)
     assert vehicle["alarms"][0] == alarm
     assert alarm["diagnosis"]["cause"] == fault.split(":", maxsplit=1)[0]
@@ -114,7 +127,7 @@ def test_one_alarm_in_time(name: str, fault: str) -> None:
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_a_yaw_error_is_told_as_heading(name: str) -> None:
     """25° of yaw is 25° of heading and no tilt, in acro at 89.85° of pitch as well: never roll or pitch."""
-    vehicle = judged(falsified(name, "yaw_offset:25", from_s=12.0))[1]
+    _, _, vehicle = faulty_from_12_s(name, "yaw_offset:25")
     (alarm,) = vehicle["alarms"]
     assert alarm["heading"] == pytest.approx(25, abs=0.1)
     assert alarm["tilt"] == pytest.approx(0, abs=0.01)
@@ -220,7 +233,7 @@ def test_a_quaternion_s_sign_means_nothing(name: str) -> None:
         rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
         return wire.attitude_quaternion(message.time_boot_ms, q, rates, **header_of(message))
 
-    before = judged(recording(name))[1]
+    before = as_recorded(name)
     after = judged(rewritten(recording(name), change))[1]
     assert turned > 500
     assert after["verdict"] == "agree"
@@ -324,14 +337,14 @@ def test_repetitions_are_used_once() -> None:
     (entry,) = monitor.close().to_dict()["files"]
     assert entry["salvage"]["duplicates"] == round(0.3 * 14879)
     assert entry["salvage"]["frames"] == 14879 + entry["salvage"]["duplicates"]
-    before = judged(recording("a_copter_square"))[1]
+    before = as_recorded("a_copter_square")
     assert entry["vehicles"][0]["checks"] == before["checks"]
     assert entry["vehicles"][0]["streams"] == before["streams"]
 
 
 def test_lost_messages_are_counted() -> None:
     """Of 20 % lost frames the missing attitudes are counted as lost, to a few that the sequence cannot place."""
-    before, after = judged(recording("a_copter_square"))[1], judged(falsified("a_copter_square", "loss:0.2"))[1]
+    before, after = as_recorded("a_copter_square"), judged(falsified("a_copter_square", "loss:0.2"))[1]
     for message in ("ATTITUDE", "ATTITUDE_QUATERNION"):
         missing = before["streams"][message]["count"] - after["streams"][message]["count"]
         assert missing > 500
@@ -341,7 +354,7 @@ def test_lost_messages_are_counted() -> None:
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_reordering_loses_nothing(name: str) -> None:
     """Frames that change places are all there: none is lost, and every pair of one instant is found."""
-    before, after = judged(recording(name))[1], judged(falsified(name, "reorder:0.4"))[1]
+    before, after = as_recorded(name), judged(falsified(name, "reorder:0.4"))[1]
     assert after["checks"][0]["same_instant"] == before["checks"][0]["same_instant"]
     for message in ("ATTITUDE", "ATTITUDE_QUATERNION"):
         assert after["streams"][message]["count"] == before["streams"][message]["count"]

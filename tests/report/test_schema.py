@@ -4,8 +4,9 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jsonschema
 import msgspec
@@ -22,13 +23,11 @@ from tests.helpers.paths import FIXTURES, ROOT
 RECORDINGS = sorted(FIXTURES.glob("*.tlog*"))
 
 
-def validator(of: Any) -> jsonschema.Draft202012Validator:
+@cache
+def validator(of: Literal["report", "event"]) -> jsonschema.Draft202012Validator:
     schema = json.loads(json_schema(of).read_text(encoding="utf-8"))
     jsonschema.Draft202012Validator.check_schema(schema)
     return jsonschema.Draft202012Validator(schema)
-
-
-REPORT, EVENT = validator("report"), validator("event")
 
 
 @pytest.mark.parametrize("recording", one_in(5, RECORDINGS), ids=lambda path: path.name)
@@ -39,12 +38,12 @@ def test_reports_and_events_keep_to_the_schema(recording: Path) -> None:
     found += monitor.finish()
     report = monitor.close()
     text = report.to_json()
-    REPORT.validate(json.loads(text))
+    validator("report").validate(json.loads(text))
     assert msgspec.json.decode(text, type=Report).to_json() == text
     assert json.loads(text) == report.to_dict()
     assert found
     for event in found:
-        EVENT.validate(event)
+        validator("event").validate(event)
         line = msgspec.json.encode(event)
         assert msgspec.json.encode(msgspec.json.decode(line, type=AnyEvent)) == line
         assert "link" not in event
@@ -67,7 +66,7 @@ def kinds(of: type[Event]) -> Iterator[type[Event]]:
 def test_every_kind_of_event_is_in_the_union_and_in_the_schema() -> None:
     """None is forgotten where lines are decoded, and each tells what it means."""
     assert set(kinds(Event)) == set(AnyEvent.__args__)
-    described = EVENT.schema["$defs"]
+    described = validator("event").schema["$defs"]
     assert all(described[kind.__name__]["description"] for kind in kinds(Event))
 
 
@@ -91,8 +90,8 @@ def test_an_alarm_is_told_as_it_is_reported() -> None:
 def test_what_is_no_report_is_refused(spoilt: dict[str, Any]) -> None:
     """A verdict that is none, a part that is missing, another schema."""
     good = Report.of([]).to_dict()
-    REPORT.validate(good)
+    validator("report").validate(good)
     with pytest.raises(jsonschema.ValidationError):
-        REPORT.validate(good | spoilt)
+        validator("report").validate(good | spoilt)
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert(good | spoilt, Report)

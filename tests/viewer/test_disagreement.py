@@ -1,6 +1,7 @@
 """How a disagreement is drawn: ghost, axis and arc while it lasts, the triad without the mistake once it is known."""
 
 import math
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +34,12 @@ START_BOOT_US, FAULT_US = 10_000_000, 14_000_000  # of the flight below: its beg
 
 def flown(*faults: str, seconds: float = 24.0, until_s: float | None = None) -> bytes:
     """A made-up flight in all axes, false from its fifth second on."""
-    healthy = wire.tlog(wire.flight(MOTION, seconds))
-    return inject(healthy, [parse_fault(fault) for fault in faults], from_s=4.0, to_s=until_s)
+    return inject(healthy(seconds), [parse_fault(fault) for fault in faults], from_s=4.0, to_s=until_s)
+
+
+@cache
+def healthy(seconds: float) -> bytes:
+    return wire.tlog(wire.flight(MOTION, seconds))
 
 
 def truth(boot_us: NDArray[np.int64]) -> Rotation:
@@ -98,9 +103,9 @@ def test_two_mistakes_on_both_sides_are_undone_together(tmp_path: Path) -> None:
 @pytest.mark.parametrize("fault", ["quaternion_conjugate", "world_offset:4,0,0", "roll_pitch_swapped"])
 def test_beside_an_untold_trim_the_mistake_is_undone(tmp_path: Path, fault: str) -> None:
     """A copter with an AHRS_TRIM that nobody tells: the corrected triad shows the quaternion as it should be."""
-    healthy = (FIXTURES / "j_ahrs_trim5.tlog").read_bytes()
-    right, _ = drawn(healthy, tmp_path / "right.rrd")
-    recording, events = drawn(inject(healthy, [parse_fault(fault)]), tmp_path / "a.rrd")
+    trimmed = (FIXTURES / "j_ahrs_trim5.tlog").read_bytes()
+    right, _ = drawn(trimmed, tmp_path / "right.rrd")
+    recording, events = drawn(inject(trimmed, [parse_fault(fault)]), tmp_path / "a.rrd")
     (*_, told) = [event for event in events if event["event"] == "diagnosis"]
     assert told["diagnosis"]["causes"] == [fault.partition(":")[0], "ahrs_trim"]
     at_us, corrected = recording.numbers(CORRECTED, TURN)
@@ -222,8 +227,10 @@ def test_of_a_shelved_alarm_nothing_is_undone(tmp_path: Path) -> None:
         sink = viewer.recording("by hand")
         monitor = Monitor(observer=sink.observe)
         shelved_us = None
-        for now_us, frame in wire.records(flown("yaw_offset:25", seconds=12.0)):
-            for event in monitor.feed(frame, now_us):
+        sent = list(wire.records(flown("yaw_offset:25", seconds=12.0)))
+        for at in range(0, len(sent), 5):
+            now_us = sent[min(at + 4, len(sent) - 1)][0]
+            for event in monitor.feed(b"".join(frame for _, frame in sent[at : at + 5]), now_us):
                 sink.events([event])
                 if isinstance(event, DiagnosisMade) and shelved_us is None:
                     shelved_us = now_us
