@@ -424,7 +424,8 @@ def test_the_cut_into_batches_changes_no_bit(moves: list[tuple[int, int, int, fl
             sent.append((stream ^ (i % 2), now - delay, off))
     t_s = np.array([ms for _, ms, _ in sent]) / 1000.0 % 199
     off_by = Rotation.from_rotvec(np.array([[off, 0, 0] for *_, off in sent]).reshape(-1, 3))
-    q, rates = (wire.wxyz(_motion.rotation(t_s) * off_by), _motion.rates(t_s)) if sent else ([], [])
+    empty = np.empty((0, 4)), np.empty((0, 3))
+    q, rates = (wire.wxyz(_motion.rotation(t_s) * off_by), _motion.rates(t_s)) if sent else empty
     arrived = [Sample(stream, 1000 * ms, q[i], rates[i]) for i, (stream, ms, _) in enumerate(sent)]
     whole = paired(arrived)
     for pieces in (sorted(min(c, len(arrived)) for c in cuts), list(range(1, len(arrived)))):
