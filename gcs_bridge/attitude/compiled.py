@@ -9,14 +9,16 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.attitude import _rows, dead_reckoning, euler, gravity, kinematics, quaternion
+from gcs_bridge.attitude import _rows, euler, gravity, kinematics, quaternion
+from gcs_bridge.attitude.dead_reckoning import is_quiet, rests_since, stays_quiet
+from gcs_bridge.attitude.quaternion import length
 from gcs_bridge.jit import helper, in_kernels, share
 
 share(
     quaternion.product,
     quaternion.conjugated,
     quaternion.cross,
-    quaternion.length,
+    length,
     quaternion.turned,
     quaternion.exponential,
     quaternion.logarithm,
@@ -32,9 +34,9 @@ share(
     gravity.down_felt,
     gravity.tilt_felt,
     euler.quaternion_of_rpy,
-    dead_reckoning.is_quiet,
-    dead_reckoning.stays_quiet,
-    dead_reckoning.rests_since,
+    is_quiet,
+    stays_quiet,
+    rests_since,
 )
 _LEAST, _MOST = _rows.LARGEST**-2, _rows.LARGEST**2
 _LARGEST = _rows.LARGEST
@@ -99,11 +101,11 @@ def new_rest() -> npt.NDArray[np.void]:
 @helper
 def is_at_rest(rest, t_s, f_b, w, may_rest):  # type: ignore[no-untyped-def]  # typed by numba
     """As `RestWatch`, for the next sample: whether the vehicle is known to rest; `rest` is followed."""
-    force, rate = quaternion.length(f_b), quaternion.length(w)
+    force, rate = length(f_b), length(w)
     if not np.isfinite(t_s + force + rate) or t_s < rest.latest_s:
         return False
-    quiet = dead_reckoning.is_quiet(force, rate) and may_rest
-    if not dead_reckoning.stays_quiet(quiet, rest.quiet, t_s - rest.latest_s):
+    quiet = is_quiet(force, rate) and may_rest
+    if not stays_quiet(quiet, rest.quiet, t_s - rest.latest_s):
         rest.quiet_since_s = t_s
     rest.latest_s, rest.quiet = t_s, quiet
-    return dead_reckoning.rests_since(quiet, rest.quiet_since_s, t_s)
+    return rests_since(quiet, rest.quiet_since_s, t_s)

@@ -173,6 +173,6 @@ def _reframed(records: RecordingFrames, row: int, fields: bytes, crc_extra: int)
     else:
         payload = payload[:length]
     head[1] = len(payload)
-    frame = bytes(head) + payload
+    frame = head + payload
     crc = frame_crc(np.frombuffer(frame, np.uint8), 1, len(frame), crc_extra)
-    return frame + int(crc).to_bytes(2, "little")
+    return bytes(frame) + int(crc).to_bytes(2, "little")

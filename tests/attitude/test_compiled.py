@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from gcs_bridge import attitude
@@ -21,20 +21,28 @@ def follow_rest(rest: Records, t_s: Floats, f_b: Floats, w: Floats, may_rest: Ma
 
 
 G = attitude.G_M_S2
-FORCES = [G, G, G, G + 0.29, G + 0.31, G - 0.31, 0.0, np.nan, np.inf, 1e80]
-RATES = [0.0, 0.0, 0.0, np.radians(2.8), np.radians(3.0), np.nan, 1e80]
-STEPS_S = [0.5, 0.5, 0.5, 1.0, 1.001, 0.0, -0.5, 7.0, np.nan]
-
-samples = st.lists(
-    st.tuples(*(st.sampled_from(of) for of in (STEPS_S, FORCES, RATES, [True, True, True, False]))), max_size=60
+QUIET = (0.5, G, 0.0, True)  # the time since the sample before, s; force, m/s²; rate, rad/s; whether it may rest
+OTHERS = [
+    (0.5, G + 0.29, np.radians(2.8), True),
+    *((0.5, force, 0.0, True) for force in (G + 0.31, G - 0.31, 0.0, np.nan, np.inf, 1e80)),
+    *((0.5, G, rate, True) for rate in (np.radians(3.0), np.nan, 1e80)),
+    (0.5, G, 0.0, False),
+    *((step_s, G, 0.0, True) for step_s in (1.0, 1.001, 0.0, -0.5, 7.0, np.nan)),
+]
+runs = st.lists(
+    st.one_of(st.integers(1, 12).map(lambda n: [QUIET] * n), st.sampled_from(OTHERS).map(lambda one: [one])),
+    max_size=20,
 )
 
 
 @settings(deadline=None)  # the first one compiles
-@given(samples=samples, cuts=st.lists(st.integers(0, 60), max_size=6).map(sorted))
-def test_rest(samples: Sequence[tuple[float, float, float, bool]], cuts: Sequence[int]) -> None:
+@example(runs=[[QUIET] * 12, [(-0.5, G, 0.0, True)], [QUIET]], cuts=[])
+@example(runs=[[QUIET] * 12, [(1.001, G, 0.0, True)], [QUIET] * 8, [(0.5, G, 0.0, False)], [QUIET]], cuts=[12, 16])
+@given(runs=runs, cuts=st.lists(st.integers(0, 100), max_size=6).map(sorted))
+def test_rest(runs: Sequence[Sequence[tuple[float, float, float, bool]]], cuts: Sequence[int]) -> None:
     """A vehicle that is quiet for some time and then is not, with gaps, late samples, and such that mean nothing."""
-    n, now_s = len(samples), 100.0
+    samples, now_s = [one for run in runs for one in run], 100.0
+    n = len(samples)
     t_s = np.empty(n)
     for i, (step_s, *_) in enumerate(samples):
         t_s[i] = now_s + step_s
@@ -43,11 +51,11 @@ def test_rest(samples: Sequence[tuple[float, float, float, bool]], cuts: Sequenc
     f_b[:, 2] = [-force for _, force, _, _ in samples]
     w[:, 1] = [rate for _, _, rate, _ in samples]
     may_rest = np.array([may for *_, may in samples], np.bool_)
-    whole, rest, watch = np.empty(n, np.bool_), new_rest(), attitude.RestWatch()
+    found, rest, watch = np.empty(n, np.bool_), new_rest(), attitude.RestWatch()
     for begin, end in pairwise([0, *(min(cut, n) for cut in cuts), n]):
         part = slice(begin, end)
-        follow_rest(rest, t_s[part], f_b[part], w[part], may_rest[part], whole[part])
-        assert whole[part].tolist() == watch.feed(t_s[part], f_b[part], w[part], may_rest[part]).tolist()
+        follow_rest(rest, t_s[part], f_b[part], w[part], may_rest[part], found[part])
+        assert found[part].tolist() == watch.feed(t_s[part], f_b[part], w[part], may_rest[part]).tolist()
 
 
 def test_rest_after_three_seconds() -> None:

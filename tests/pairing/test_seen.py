@@ -114,6 +114,7 @@ def searched(heard: Sequence[Heard]) -> list[tuple[int, ...]]:
         ([("s", 0), ("s", 500_000), ("s", S + 500_000), ("q", 499_999)], []),  # a query later than 1 s
         ([("s", 0), ("s", 500_000), ("s", S + 500_000), ("q", 500_000)], [(3, 0, 1, 3)]),
         ([("s", 0), ("q", 8), ("q", 3), ("s", 5), ("s", 9)], [(2, 0, 3, 3), (1, 3, 4, 4)]),  # as they are completed
+        ([("s", 0), ("q", 3), ("q", 8), ("s", 5), ("s", 9)], [(1, 0, 3, 3), (2, 3, 4, 4)]),  # the others wait on
         ([("s", 0), ("q", 8), ("q", 3), ("s", 9)], [(1, 0, 3, 3)]),  # one behind a later one that was answered is not
     ],
 )
