@@ -327,16 +327,8 @@ class Ballot:
     def rate(self, spec: AlarmSpec, rated: Rated) -> None:
         """Give an alarm samples that no kernel has rated."""
         if len(rated):
-            frame_index, t_us, value, limit = rated.frame_index, rated.t_boot_us, rated.value, rated.limit
-            vote_all(
-                self.votes(len(rated)),
-                self.place_of(spec),
-                frame_index,
-                t_us,
-                value,
-                np.array(limit),
-                rated.detail,
-            )
+            numbers = [np.ascontiguousarray(of, np.float64) for of in (rated.value, rated.limit, rated.detail)]
+            vote_all(self.votes(len(rated)), self.place_of(spec), rated.frame_index, rated.t_boot_us, *numbers)
 
     def changes(self) -> list[AlarmChange]:
         """What has changed since this was asked last, signals included that no sample followed."""

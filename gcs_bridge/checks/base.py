@@ -141,6 +141,8 @@ class Check(ABC):
         """Start with nothing judged; who has alarms lists them in `alarm_specs`."""
         # The same objects for life. Of two at one time, a warning is not told beside an alarm.
         self.alarm_specs: tuple[AlarmSpec, ...] = ()
+        self._made: list[AlarmSpec] = []
+        self._alarm_places: Int64s | None = None
         self.residual = Quantiles()
         self._watched = np.zeros(1, _WATCHED)
 
@@ -221,7 +223,7 @@ class Check(ABC):
         onset_lead_s: float = 0.0,
     ) -> AlarmSpec:
         """One of its alarms: what is not said is the check's, and ids have both names."""
-        return AlarmSpec(
+        spec = AlarmSpec(
             check=self.name,
             name=name,
             id_part=f"{self.name}-{name.replace(' ', '-').lower()}" if id_part is None else id_part,
@@ -234,6 +236,8 @@ class Check(ABC):
             asks_doctor=asks_doctor,
             onset_lead_s=onset_lead_s,
         )
+        self._made.append(spec)
+        return spec
 
     def _warning_and_alarm(
         self, what: str, delays: AlarmSettings, *, asks_doctor: bool = False
@@ -245,8 +249,12 @@ class Check(ABC):
         )
 
     def _places(self, ballot: Ballot) -> Int64s:
-        """Where its alarms are, in the order of its specs."""
-        return np.array([ballot.place_of(spec) for spec in self.alarm_specs])
+        """Where its alarms are, in the order of its specs; LookupError for one that it made and did not list there."""
+        if self._alarm_places is None:  # a kernel trusts that there are as many as it votes in
+            for spec in self._made:
+                ballot.place_of(spec)
+            self._alarm_places = np.array([ballot.place_of(spec) for spec in self.alarm_specs])
+        return self._alarm_places
 
     def _watching(self, samples: int) -> Watched:
         """What a kernel needs to count so many samples."""
