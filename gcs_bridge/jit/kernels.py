@@ -33,7 +33,19 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> Any:
         """Run it; TypeError for arguments of other types than are declared."""
-        return self._run(*arguments)
+        try:
+            return self._run(*arguments)
+        except TypeError:
+            return self._run_on_copies(arguments)
+
+    def _run_on_copies(self, arguments: tuple[Any, ...]) -> Any:
+        """The same for arrays that are laid out otherwise, or not to be written: what is written is copied back."""
+        copies: list[tuple[Any, Any]] = []
+        result = self._run(*(_fitting(argument, copies) for argument in arguments))
+        for given, copy in copies:
+            if given.flags.writeable:
+                given[...] = copy
+        return result
 
     def _first(self, *arguments: Any) -> Any:
         self.load()
@@ -84,6 +96,17 @@ class Kernel:
         from gcs_bridge.jit.by_numba import dispatcher
 
         return dispatcher(self.function, declared_types(self.function), STAND_INS)
+
+
+def _fitting(argument: Any, copies: list[tuple[Any, Any]]) -> Any:
+    """The argument with arrays as kernels want them, which are copies where they were not; these are put down."""
+    if isinstance(argument, tuple):
+        fields = [_fitting(field, copies) for field in argument]
+        return type(argument)(*fields) if hasattr(argument, "_fields") else tuple(fields)
+    if not hasattr(argument, "flags") or (argument.flags.c_contiguous and argument.flags.writeable):
+        return argument
+    copies.append((argument, argument.copy(order="C")))
+    return copies[-1][1]
 
 
 def _by_numba_is_asked() -> bool:

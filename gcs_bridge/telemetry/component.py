@@ -159,7 +159,7 @@ def _segments(
     """The timed messages in the window, and the attitudes among them, boot by boot."""
     columns = timed.columns
     if not batch.all_in_window or len(timed.held):
-        columns = columns[:, timed.in_window]
+        columns = np.ascontiguousarray(columns[:, timed.in_window])
     if not columns.shape[1]:
         return []
     first, last = int(columns[BOOT, 0]), int(columns[BOOT, -1])

@@ -2,19 +2,22 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from gcs_bridge import attitude
-from gcs_bridge.attitude.compiled import is_at_rest, new_rest, vector_at
-from gcs_bridge.columns import Floats, Mask, Records
+from gcs_bridge.attitude.compiled import REST, is_at_rest, new_rest, vector_at
+from gcs_bridge.columns import FloatRows, Floats, Mask, Records
 from gcs_bridge.jit import kernel
 
 
 @kernel
-def follow_rest(rest: Records, t_s: Floats, f_b: Floats, w: Floats, may_rest: Mask, resting: Mask) -> None:
+def follow_rest(
+    rest: Annotated[Records, REST], t_s: Floats, f_b: FloatRows, w: FloatRows, may_rest: Mask, resting: Mask
+) -> None:
     """Fill where the vehicle is known to rest."""
     for i in range(t_s.size):
         resting[i] = is_at_rest(rest[0], t_s[i], vector_at(f_b, i), vector_at(w, i), may_rest[i])

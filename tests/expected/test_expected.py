@@ -101,11 +101,11 @@ def samples(
         boot=np.zeros_like(t_us),
         t_boot_us=t_us,
         t_rx_us=np.full_like(t_us, -1),
-        q_nb=q_nb,
-        w_nb_b_rad_s=w,
+        q_nb=np.array(q_nb, order="C"),
+        w_nb_b_rad_s=np.array(w, order="C"),
         valid=np.asarray(np.isfinite(q_nb).all(axis=1)),
         source=ATTITUDE_QUATERNION if rpy_rad is None else ATTITUDE,
-        rpy_rad=rpy_rad,
+        rpy_rad=None if rpy_rad is None else np.array(rpy_rad, order="C"),
     )
 
 

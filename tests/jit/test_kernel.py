@@ -144,11 +144,6 @@ class Subclass(np.ndarray[Any, Any]):
     pass
 
 
-def read_only(values: Any) -> Any:
-    values.flags.writeable = False
-    return values
-
-
 @pytest.mark.parametrize(
     ("place", "value"),
     [
@@ -156,8 +151,6 @@ def read_only(values: Any) -> Any:
         (0, np.zeros(3, np.int64)),
         (0, np.zeros(3, ">f8")),
         (0, np.zeros((3, 1))),
-        (0, np.zeros(6)[::2]),
-        (0, read_only(np.zeros(3))),
         (0, np.zeros(3).view(Subclass)),
         (0, np.frombuffer(bytearray(25), np.uint8)[1:].view("f8")),
         (0, [1.0, 2.0, 3.0]),
@@ -166,7 +159,6 @@ def read_only(values: Any) -> Any:
         (2, (np.zeros((2, 3)),)),
         (2, [np.zeros((2, 3)), np.zeros(4, PAIR)]),
         (2, (np.zeros((2, 3)), np.zeros(4, "V11"))),
-        (2, (np.zeros((3, 2)).T, np.zeros(4, PAIR))),
     ],
 )
 def test_any_other_argument_is_refused_by_its_name(place: int, value: Any) -> None:
@@ -269,3 +261,17 @@ except IndexError as error:
     )
     assert "out of bounds" in done.stdout
     assert not list(tmp_path.glob("kept/*"))
+
+
+@kernel
+def _double_of(given: Floats, doubled: Floats) -> None:
+    for i in range(given.size):
+        doubled[i] = 2.0 * given[i]
+
+
+def test_arrays_of_another_layout_are_taken_as_copies_and_what_is_written_comes_back() -> None:
+    """Every second number, and numbers that must not be written, go in; every third place gets what comes out."""
+    given, doubled = np.arange(6.0)[::2], np.zeros(9)
+    given.flags.writeable = False
+    _double_of(given, doubled[::3])
+    assert doubled.tolist() == [0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 8.0, 0.0, 0.0]
