@@ -29,6 +29,7 @@ from gcs_bridge.expected.pairs import (
 )
 from gcs_bridge.expected.quiet import (
     Samples,
+    Tails,
     euler_rows,
     fill_tails,
     new_tails,
@@ -104,7 +105,8 @@ class Expected:
         self._views = (View(NOISE_RAD, comes_and_goes=False), View(VIEW_NOISE_RAD, comes_and_goes=True))
         self._explanations: list[_Explanation] = []
         self._euler, self._quaternion = NO_EULER, NO_QUATERNION  # the latest in order, within this boot
-        self._tails, self._tails_hold = new_tails(), True  # whether the latest, and the pairs of the view, are there
+        self._tails: Tails | None = None  # for the latest, and the pairs of the view: made when some come
+        self._tails_hold = False  # whether they are there
         self._done = -1  # frame_index up to which pairs were taken
         self._mode_since_us: int | None = None  # None: counted from the next sample
         self._shown: int | None = None  # the view of the latest sample, None: that of the mode
@@ -220,13 +222,14 @@ class Expected:
         """Take samples from `done` on up to the first that may be news; return up to which."""
         forward, hover = self._views
         expectation = None if self._told.can_hover or hover.fitted else forward.expectation()
-        if expectation is None:
+        if expectation is None or (self._tails is None and len(self._euler) + len(self._quaternion) < _FEW):
             return done
+        tails = self._tails = self._tails or new_tails()
         if not self._tails_hold:
-            fill_tails(self._tails, self._euler, self._quaternion, forward.recent, forward.sparse)
+            fill_tails(tails, self._euler, self._quaternion, forward.recent, forward.sparse)
             self._tails_hold = True
         passed = np.array(done)
-        pass_quietly(_euler_of(euler), _quaternion_of(quaternion), expectation, self._tails, forward.learnt, passed)
+        pass_quietly(_euler_of(euler), _quaternion_of(quaternion), expectation, tails, forward.learnt, passed)
         e, q = passed.tolist()
         if e > done[0]:
             self._done = max(self._done, int(euler.frame_index[e - 1]))
@@ -237,8 +240,9 @@ class Expected:
 
     def _unload_tails(self) -> None:
         """Have the latest samples, and the pairs of the view, where a closer look wants them."""
-        if self._tails_hold:
-            forward, tails = self._views[FORWARD], self._tails
+        tails = self._tails
+        if self._tails_hold and tails is not None:
+            forward = self._views[FORWARD]
             self._euler, self._quaternion = euler_rows(tails.euler), quaternion_rows(tails.quaternion)
             forward.recent, forward.sparse = pair_rows(tails.recent), pair_rows(tails.sparse)
             self._tails_hold = False
@@ -407,6 +411,7 @@ class Expected:
         )
 
 
+_FEW = 16  # samples: many a component sends no more, and the tails would take 40 kB of each
 _CLOSELY = 64  # samples that are looked at before what follows may pass at once again
 
 

@@ -324,12 +324,12 @@ def test_shelving_ends_wherever_the_pieces_are_cut(at_once: bool) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("at_once", [True, False])
 def test_what_comes_behind_the_shelving_is_told(at_once: bool) -> None:
-    """Shelved from 7 to 16 s: the return within is not told, that behind is."""
-    watch = Watch(flown((5, 9), (12, 13.5), (17, 19), seconds=22, hz=5.0))
+    """Shelved from 7 to 17 s: the return within is not told, that behind is."""
+    watch = Watch(flown((5, 9), (12, 13.5), (20, 23), seconds=26, hz=5.0))
     watch.until(7)
-    watch.monitor.shelve(ID, rx_us(7), 9)
+    watch.monitor.shelve(ID, rx_us(7), 10)
     seen = moments(watch.until(1e6, at_once=at_once))
-    assert seen == [("unshelved", None), ("pending", 17.4), ("raised", 18.4), ("cleared", 21.4)]
+    assert seen == [("unshelved", None), ("pending", 20.4), ("raised", 21.4), ("cleared", 25.4)]
 
 
 def test_shelving_ends_while_nothing_comes() -> None:

@@ -40,7 +40,7 @@ class Cost(NamedTuple):
     blocks_kept: float  # a message: objects that stay
 
 
-MEASURED = Cost(1.372e4, 47.2, 1.318e4, 43.31, 1.072e5, 11.4)
+MEASURED = Cost(1613, 28.81, 1405, 26.36, 2.77e4, 16.3)
 BOUND = 1.3  # times what was measured
 
 BATCH_US = 20_000  # at 50 Hz: most batches hold one sample of each stream, 3 to 5 messages
