@@ -10,7 +10,9 @@ import numpy.typing as npt
 
 from gcs_bridge import attitude
 from gcs_bridge.alarms.rated import Rated
-from gcs_bridge.alarms.state import PENDING, Alarm, State
+from gcs_bridge.alarms.spec import AlarmSpec
+from gcs_bridge.alarms.state import PENDING, State
+from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.settings import load_settings
 from gcs_bridge.telemetry.samples import AttitudeSamples
@@ -20,6 +22,16 @@ Ints = npt.NDArray[np.int64]
 
 NAIVE_LIMIT_DEG = 5.0
 _DELAYS = load_settings("default").alarm
+_SPEC = AlarmSpec(
+    check="naive",
+    name="alarm",
+    id_part="naive",
+    severity="alarm",
+    what="the latest of both differ",
+    not_a_sign_of="anything",
+    unit="deg",
+    delays=_DELAYS,
+)
 _LIMIT = radians(NAIVE_LIMIT_DEG)
 _LOW = _DELAYS.clear_below * _LIMIT
 _LONGEST_S = 0.5  # between two judged pairs: the time between them is judged; at low rates so many of these periods
@@ -48,7 +60,7 @@ class Naive:
 
     def __init__(self) -> None:
         self.alarms = 0
-        self._alarm = Alarm(_DELAYS)
+        self._ballot = Ballot([_SPEC])
         self._latest = [np.full((1, 4), np.nan)] * 2
 
     def take(self, streams: tuple[AttitudeSamples, AttitudeSamples]) -> None:
@@ -70,11 +82,13 @@ class Naive:
             frame_index=both[order][known],
             t_boot_us=t_rx_us,
             value=angle,
+            limit=np.full(len(known), _LIMIT),
             bad=angle > _LIMIT,
             low=angle <= _LOW,
             detail=np.full((len(known), 5), np.nan),
         )
-        for change in self._alarm.feed(rated):
+        self._ballot.rate(_SPEC, rated)
+        for _, _, change in self._ballot.changes():
             self.alarms += change.state is State.RAISED and change.before in PENDING
 
 
@@ -92,8 +106,9 @@ class Witness:
     def __call__(self, seen: Observation) -> None:
         """Take what was judged of one boot of one vehicle."""
         segment = seen.segment
-        self._naive.setdefault(seen.vehicle, Naive()).take((segment.euler, segment.quaternion))
-        self.coverage[seen.vehicle] = self.coverage.get(seen.vehicle, Coverage()) + covered(seen)
+        address = seen.vehicle.address
+        self._naive.setdefault(address, Naive()).take((segment.euler, segment.quaternion))
+        self.coverage[address] = self.coverage.get(address, Coverage()) + covered(seen)
 
 
 def covered(seen: Observation) -> Coverage:
