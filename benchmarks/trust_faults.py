@@ -78,7 +78,7 @@ class _Streams:
         self.report = monitor.close().to_dict()["files"][0]
 
     def _keep(self, seen: Observation) -> None:
-        key = (*seen.vehicle, seen.segment.boot)
+        key = (*seen.vehicle.address, seen.segment.boot)
         self.of.setdefault(key, []).append((seen.segment.euler, seen.segment.quaternion))
 
     def stream(self, key: _Key, number: int) -> AttitudeSamples:
