@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
-from gcs_bridge.columns import Columns, Floats, FrameColumns, Int64s, last_where
+from gcs_bridge.columns import Columns, Floats, FrameColumns, Int64s, last_where, record
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Points(FrameColumns):
     """Three columns, one of which may be missing, and a name for all rows."""
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record
 
 
 class Worst(NamedTuple):
@@ -15,7 +14,7 @@ class Worst(NamedTuple):
     detail: Floats
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Rated(FrameColumns):
     """n samples against their limits: time, value, limit, whether bad and whether low (never both), and a detail each.
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from gcs_bridge.columns import record
 from gcs_bridge.pairing.neighbours import Track
 from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.pairing.references import ImuWithAttitude, VehicleImu
@@ -13,7 +14,7 @@ from gcs_bridge.telemetry.statements import Statement, StepSignal
 from gcs_bridge.telemetry.stream_liveness import StreamChange, Timeline
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class CheckBatch:
     """One batch of one vehicle within one boot.
 

@@ -7,7 +7,6 @@ estimate, this check finds mistakes of convention, encoding, timing and firmware
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -21,7 +20,7 @@ from gcs_bridge.checks.base import Check, Numbers, Watched, is_known, row_at
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles, Waiting, note
 from gcs_bridge.checks.windows import Sliding, SlidingSums, slide_in
-from gcs_bridge.columns import FloatRows, Floats, FrameColumns, Int64s, Mask, Records
+from gcs_bridge.columns import FloatRows, Floats, FrameColumns, Int64s, Mask, Records, record
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings, EulerQuaternionSettings
 from gcs_bridge.telemetry.statements import held_at
@@ -37,7 +36,7 @@ _GREATEST_RATE_RAD_S = 100.0  # what is more is damage
 _LEAST_RATE_RAD_S = math.radians(2.0)  # root mean square, below which no lag shows
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Disagreement(FrameColumns):
     """The quaternion seen from the Euler angles, n pairs: all in rad.
 

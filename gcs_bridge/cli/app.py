@@ -6,20 +6,15 @@ with a code of its own: Python's 1 would read as an alarm.
 
 from __future__ import annotations
 
+import importlib
 import io
 import os
 import sys
-import traceback
+from typing import Any
 
 import click
 
 from gcs_bridge._version import __version__
-from gcs_bridge.cli.attitude import attitude
-from gcs_bridge.cli.check import check
-from gcs_bridge.cli.demo import demo
-from gcs_bridge.cli.inject import inject
-from gcs_bridge.cli.listen import listen
-from gcs_bridge.cli.replay import replay
 from gcs_bridge.cli.terminal import complain
 from gcs_bridge.errors import GcsBridgeError
 
@@ -31,7 +26,36 @@ INTERRUPTED = 130  # as shells report SIGINT
 BROKEN_PIPE = 141  # as shells report SIGPIPE
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+# Each is the function of its name in the module of its name, which is loaded when it is asked for.
+COMMANDS = {
+    "attitude": "Show one attitude in every form and frame.",
+    "check": "Judge recordings: report and exit code.",
+    "demo": "See it work: a recorded flight, with a fault half-way.",
+    "inject": "Write a copy of a recording with a chosen fault.",
+    "listen": "Judge live links, as it happens.",
+    "replay": "Show recordings in the viewer.",
+}
+
+
+class _Commands(click.Group):
+    """Sub-commands that are loaded when they are run."""
+
+    def __init__(self, **options: Any) -> None:
+        names: Any = dict.fromkeys(COMMANDS)
+        super().__init__(commands=names, **options)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = getattr(importlib.import_module(f"gcs_bridge.cli.{cmd_name}"), cmd_name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, message="gcs-bridge %(version)s")
 def command() -> None:
     """Read MAVLink telemetry, compare a vehicle's attitudes with each other, and raise alarms that mean something.
@@ -40,14 +64,6 @@ def command() -> None:
     Exit codes: 0 good, 1 an alarm, 2 usage or configuration, 3 a source that cannot be used,
     4 readable, but no attitude could be compared.
     """
-
-
-command.add_command(attitude)
-command.add_command(check)
-command.add_command(demo)
-command.add_command(inject)
-command.add_command(listen)
-command.add_command(replay)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -71,6 +87,8 @@ def main(argv: list[str] | None = None) -> int:
         complain(str(error))
         return error.exit_code
     except Exception:
+        import traceback
+
         traceback.print_exc()
         complain("this is a mistake of gcs-bridge, not yours: please report it with the lines above")
         return INTERNAL_ERROR

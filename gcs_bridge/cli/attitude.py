@@ -47,7 +47,6 @@ def _form_options(command: _Command) -> _Command:
 
 
 @click.command(
-    short_help="Show one attitude in every form and frame.",
     # Else a negative number is an option: what is really one is found among the values.
     context_settings={"ignore_unknown_options": True},
 )

@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # loaded when there is something to judge
 __all__ = ["check", "find_recordings"]
 
 
-@click.command(short_help="Judge recordings: report and exit code.")
+@click.command()
 @click.argument(
     "paths", nargs=-1, required=True, metavar="FILE|FOLDER...", type=click.Path(path_type=Path, readable=False)
 )

@@ -25,7 +25,7 @@ _MIDDLE_S = 80.0  # of the flight: the copter is flying the second side of its s
 _GRACE_S = 0.3  # for the last frames to be judged
 
 
-@click.command(short_help="See it work: a recorded flight, with a fault half-way.")
+@click.command()
 @click.option("--duration", "duration_s", type=float, default=40.0, metavar="S", help="End after S seconds.  [40]")
 @click.option("--speed", type=float, default=1.0, metavar="X", help="Play X times as fast.  [1]")
 @live_options

@@ -24,7 +24,7 @@ def _list(context: click.Context, _: click.Parameter, wanted: bool) -> None:
         context.exit()
 
 
-@click.command(short_help="Write a copy of a recording with a chosen fault.")
+@click.command()
 @click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
 @click.option("--list", is_flag=True, is_eager=True, expose_value=False, callback=_list, help="All faults, and end.")
 @click.option(

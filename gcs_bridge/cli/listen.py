@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # loaded when there is a link to open
 __all__ = ["listen"]
 
 
-@click.command(short_help="Judge live links, as it happens.")
+@click.command()
 @click.argument("uris", nargs=-1, required=True, metavar="URI...")
 @click.option("--baud", type=click.IntRange(min=1), default=115200, metavar="N", help="Of serial devices.  [115200]")
 @click.option("--duration", "duration_s", type=float, metavar="S", help="End after S seconds.")

@@ -28,7 +28,7 @@ _SMOOTH_S = 0.05  # what a chunk should last
 _LONGEST_PAUSE_S = 5.0  # nobody waits for the rest of a longer one
 
 
-@click.command(short_help="Show recordings in the viewer.")
+@click.command()
 @click.argument("paths", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
 @click.option("--speed", type=float, metavar="X", help="Play X times as fast as it was; else all is shown at once.")
 @click.option("--at", metavar="alarm|S", help="Open at the first alarm, or S seconds after the recording's start.")

@@ -8,13 +8,12 @@ skew, and many hypotheses are compared on the same pairs: its kernel, which foll
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from gcs_bridge import attitude
-from gcs_bridge.columns import Columns, Floats, Int64s, Mask
+from gcs_bridge.columns import Columns, Floats, Int64s, Mask, record
 from gcs_bridge.diagnosis.hypotheses import Hypothesis, Mistakes, Side, quaternion_of_rpy, undoing
 from gcs_bridge.pairing.bounds import interpolation_bound_rad, turn_and_kin
 from gcs_bridge.pairing.neighbours import first_at_or_behind
@@ -34,7 +33,7 @@ def plain_attitude(rpy_rad: Floats, _: Int64s) -> Floats:
     return quaternion_of_rpy(rpy_rad)
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Window:
     """What was sent from the onset of a disagreement on, all of one boot.
 
@@ -100,7 +99,7 @@ class Comparison(NamedTuple):
     bound_rad: Floats
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Pairing(Columns):
     """Which samples make k pairs once the quaternion's stamps are set back by a skew.
 

@@ -7,13 +7,12 @@ away from the poles, where float32 angles lose digits: a noise so small that a f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, last_where, running_max
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, last_where, record, running_max
 from gcs_bridge.expected.correction import Correction
 from gcs_bridge.pairing.neighbours import first_at_or_behind
 from gcs_bridge.telemetry.samples import AttitudeSamples
@@ -35,12 +34,12 @@ STEEP_RAD = math.radians(80.0)  # pairs beyond this pitch of ATTITUDE are not cl
 TAIL = 256  # samples of each stream that can still find their partner
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class _Rows(FrameColumns):
     t_us: Int64s  # since boot
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class EulerRows(_Rows):
     """Samples of ATTITUDE."""
 
@@ -49,7 +48,7 @@ class EulerRows(_Rows):
     free: Mask  # (n,) the view may change here
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class QuaternionRows(_Rows):
     """Samples of ATTITUDE_QUATERNION."""
 
@@ -57,7 +56,7 @@ class QuaternionRows(_Rows):
     w_b_rad_s: Floats  # (n, 3)
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class CleanPairs(_Rows):
     """Clean pairs of one instant, in the order in which they were completed, by the frame `frame_index`."""
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, last_where
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, last_where, record
 from gcs_bridge.contract import ExplainedBy
 from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, VTOL_VIEW, Correction
 from gcs_bridge.expected.knowledge import FORWARD, HOVER, FirmwareConfig
@@ -50,7 +50,7 @@ _VIEW_MATCH_RAD = math.radians(2.0)  # the latest quaternion, brought to the sam
 _VIEW_MATCH_SHARE = 0.25  # so much, or by this share of what is between the views
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Corrected(FrameColumns):
     """n Euler samples with the expected differences undone.
 

@@ -6,8 +6,10 @@ says more than mypy needs: `Annotated[Floats, 2]` has two dimensions, and `Annot
 
 from __future__ import annotations
 
+import sys
+from functools import cache
 from types import FunctionType
-from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
 import numpy as np
 
@@ -18,9 +20,6 @@ class ArrayOf(NamedTuple):
     dtype: np.dtype[Any]
     ndim: int
 
-    def __str__(self) -> str:
-        return f"{self.dtype!r}, ndim {self.ndim}"  # a record's fields and their places are in it
-
 
 class TupleOf(NamedTuple):
     """A named tuple, or a plain one of so many."""
@@ -28,17 +27,11 @@ class TupleOf(NamedTuple):
     of: type[tuple[Any, ...]]
     fields: tuple[Declared, ...]
 
-    def __str__(self) -> str:
-        return f"{self.of.__qualname__}({', '.join(map(str, self.fields))})"
-
 
 class Scalar(NamedTuple):
     """An int of 64 bits, a float or a bool."""
 
     of: type[int | float | bool]
-
-    def __str__(self) -> str:
-        return self.of.__name__
 
 
 Declared = ArrayOf | TupleOf | Scalar
@@ -46,26 +39,51 @@ Declared = ArrayOf | TupleOf | Scalar
 
 def declared_types(function: FunctionType) -> tuple[Declared, ...]:
     """The type of each argument; TypeError where an annotation does not say it all."""
-    hints = get_type_hints(function, include_extras=True)
     names = function.__code__.co_varnames[: function.__code__.co_argcount]
-    return tuple(_declared(hints.get(name), f"{function.__qualname__}: {name}") for name in names)
+    return tuple(_declared(function, name) for name in names)
 
 
-def _declared(hint: Any, whose: str) -> Declared:
+def _declared(whose: Any, name: str) -> Declared:
+    """What a function, or a class, says of its argument, or field, `name`."""
+    said = whose.__annotations__.get(name, "None")
+    # Python's own get_type_hints takes ten times as long.
+    found = _meant(getattr(said, "__forward_arg__", said), whose.__module__)
+    if found is None:
+        raise TypeError(f"{whose.__qualname__}: {name}: its annotation is no type of a kernel's argument: {said}")
+    return found
+
+
+@cache
+def _meant(annotation: str, module: str) -> Declared | None:
+    """The type that an annotation means, where it stands; None: it is none of an argument."""
+    return _type_of(eval(annotation, vars(sys.modules[module])))  # noqa: S307  our own source
+
+
+def _type_of(hint: Any) -> Declared | None:
     said: tuple[Any, ...] = ()
     if get_origin(hint) is Annotated:
         hint, said = hint.__origin__, hint.__metadata__
     if hint in (int, float, bool):
         return Scalar(hint)
-    if get_origin(hint) is tuple and ... not in get_args(hint):
-        return TupleOf(tuple, tuple(_declared(part, whose) for part in get_args(hint)))
     if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):
-        hints = get_type_hints(hint, include_extras=True)
-        return TupleOf(hint, tuple(_declared(hints[name], f"{whose}.{name}") for name in hint._fields))
+        return TupleOf(hint, tuple(_declared(hint, name) for name in hint._fields))
+    if get_origin(hint) is tuple:
+        parts = [_type_of(part) for part in get_args(hint)]
+        return None if None in parts else TupleOf(tuple, tuple(part for part in parts if part is not None))
     if get_origin(hint) is np.ndarray:
         number = get_args(get_args(hint)[1])[0]
         ndim = next((one for one in said if isinstance(one, int)), 1)
         dtype = next((one for one in said if isinstance(one, np.dtype)), None)
         if dtype is not None or number is not np.void:
             return ArrayOf(dtype or np.dtype(number), ndim)
-    raise TypeError(f"{whose}: its annotation is no type of a kernel's argument: {hint}")
+    return None
+
+
+@cache
+def text_of(declared: Declared) -> str:
+    """The type in words: of a record all fields, and where each of them is."""
+    if isinstance(declared, ArrayOf):
+        return f"{declared.dtype!r}, ndim {declared.ndim}"
+    if isinstance(declared, TupleOf):
+        return f"{declared.of.__qualname__}({', '.join(map(text_of, declared.fields))})"
+    return declared.of.__name__

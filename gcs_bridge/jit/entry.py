@@ -15,7 +15,7 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 
-from gcs_bridge.jit.declared import ArrayOf, Declared, TupleOf
+from gcs_bridge.jit.declared import ArrayOf, Declared, TupleOf, text_of
 from gcs_bridge.jit.native import symbol_of
 
 _BYTE, _INT, _INT64, _FLOAT = ir.IntType(8), ir.IntType(32), ir.IntType(64), ir.DoubleType()
@@ -69,7 +69,7 @@ class Entry:
         self._go_on_if(self._same(count, len(declared)), else_to=wrong_count)
         opened = []
         for place, (argument, kind) in enumerate(zip(self._kernel.args, declared, strict=True)):
-            what = f"{name}(): {argument} is not what its annotation says: {kind}"
+            what = f"{name}(): {argument} is not what its annotation says: {text_of(kind)}"
             given = self._to.load(self._to.gep(arguments, [_INT64(place)]))
             opened.append(self._opened(given, kind, self._kernel.argtypes[place], self._refusal("TypeError", what)))
         self._go_on_if(self._same(self._call("PyErr_Occurred", _POINTER), _NULL), else_to=self._refusal())

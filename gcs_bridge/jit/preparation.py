@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import importlib
-import json
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
 
 from gcs_bridge import cache
 from gcs_bridge.jit.kernels import KERNELS, Kernel
+
+if TYPE_CHECKING:
+    import subprocess
 
 _MANY = 4  # kernels that are worth another process, which takes a second to begin
 _PATIENCE_S = 60.0  # so long somebody else may compile a kernel; then it is compiled here too
@@ -91,6 +93,9 @@ def _helped(missing: Sequence[Kernel]) -> Iterator[None]:
 
 def _helper(missing: Sequence[Kernel]) -> subprocess.Popen[bytes]:
     """This interpreter once more; it looks for modules where this one does, and nowhere else."""
+    import json
+    import subprocess  # both only here: few processes compile
+
     task = json.dumps([sys.path, sorted({one.__module__ for one in missing})])
     start = "import sys, json; sys.path[:], modules = json.loads(sys.argv[1])"
     command = f"{start}; from gcs_bridge.jit.preparation import help_with; help_with(modules)"

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gcs_bridge.jit.declared import Declared
+from gcs_bridge.jit.declared import Declared, text_of
 
 try:
     from _blake2 import blake2b  # hashlib brings OpenSSL, which takes longer to load than all kernels
@@ -39,7 +39,7 @@ StandIns = Mapping[FunctionType, StandIn]
 def recipe_of(function: FunctionType, types: tuple[Declared, ...], stand_ins: StandIns, processor: str) -> str:
     """A digest of all that decides about a kernel's machine code."""
     inlined = {one.function for one in stand_ins.values() if one.is_inlined}
-    parts = [_surroundings(), processor, *map(str, types)]
+    parts = [_surroundings(), processor, *map(text_of, types)]
     parts += [f"{_told(one)} {one in inlined}" for one in _called(function, stand_ins)]
     return blake2b("\n".join(parts).encode(), digest_size=16).hexdigest()
 
@@ -50,7 +50,8 @@ def _surroundings() -> str:
     settings = (f"{key}={value}" for key, value in os.environ.items() if key.startswith("NUMBA_"))
     parts = [sys.version, f"header {object.__basicsize__}", f"numpy {np.__version__}", *sorted(settings)]
     parts += [_version_file(package) for package in ("numba", "llvmlite")]
-    return "\n".join([*parts, Path(__file__).with_name("compiler.py").read_text("utf-8")])
+    parts += [Path(__file__).with_name(name).read_text("utf-8") for name in ("compiler.py", "entry.py", "by_numba.py")]
+    return "\n".join(parts)
 
 
 def _version_file(package: str) -> str:
@@ -79,9 +80,13 @@ def _globals_of(function: FunctionType) -> dict[str, Any]:
     names = [name for code in _codes(function.__code__) for name in code.co_names]
     meant = {name: function.__globals__[name] for name in names if name in function.__globals__}
     for module, value in list(meant.items()):
-        if isinstance(value, ModuleType):
+        if isinstance(value, ModuleType) and _package(value.__name__) == _package(function.__module__):
             meant |= {f"{module}.{name}": getattr(value, name) for name in names if hasattr(value, name)}
     return meant
+
+
+def _package(module: str) -> str:
+    return module.partition(".")[0]
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:

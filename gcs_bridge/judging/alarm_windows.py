@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from gcs_bridge.columns import Int64s
+from gcs_bridge.columns import Int64s, record
 from gcs_bridge.events import AlarmRaised, Event, vehicle_of
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.telemetry.identity import VehicleId
@@ -37,7 +37,7 @@ class Said(NamedTuple):
     t_boot_us: int | None
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class AlarmWindow:
     """The time around one alarm of a vehicle.
 

@@ -6,17 +6,15 @@ comes out does not depend on how the samples were cut into batches.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gcs_bridge import attitude
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Columns, Floats, Int64s, Mask, last_where
+from gcs_bridge.columns import Columns, Floats, Int64s, Mask, last_where, record
 from gcs_bridge.pairing.references import ImuWithAttitude
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class MotionSamples(Columns):
     """The motion at n inertial samples, in order of time; NaN where it is not known.
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gcs_bridge.checks.euler_quaternion import Disagreement
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, Int64s, Mask, record
 from gcs_bridge.contract import Diagnosis
 from gcs_bridge.expected import CAUSE_NAMES, Corrected
 from gcs_bridge.pairing.pairs import Pairs
@@ -33,7 +33,7 @@ _RESET_NEAR_US = 2_000_000
 _RESETS_KEPT_US = 120_000_000
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class SentBatch:
     """What one batch brought of both streams within a boot.
 

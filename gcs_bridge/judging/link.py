@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.chunks import Chunk, Chunks, Framing
-from gcs_bridge.columns import Int64s
+from gcs_bridge.columns import Int64s, record
 from gcs_bridge.contract import readable
 from gcs_bridge.events import Event, Notice, Rank, VehicleLost, VehicleSeen, head, in_order
 from gcs_bridge.judging.observation import Observation, Observer
@@ -31,7 +30,7 @@ Datagram = tuple[bytes, int]  # with its receive time, µs since 1970
 FrameObserver = Callable[[int | str, Sequence[RawFrame]], None]
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Judged:
     """What is judged of every link, by what, and who looks on; `window_s`: between these times after the start."""
 

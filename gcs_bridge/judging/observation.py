@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.euler_quaternion import Disagreement
+from gcs_bridge.columns import record
 from gcs_bridge.events import Notice
 from gcs_bridge.expected import Corrected
 from gcs_bridge.pairing.pairs import Pairs
@@ -14,7 +14,7 @@ from gcs_bridge.telemetry.batches import BootSegment
 from gcs_bridge.telemetry.identity import VehicleId
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Observation:
     """What one batch showed of a vehicle: its samples, the pairs they made, the disagreement of each pair, and all
     that its checks were given; how the Euler angles were corrected, and what was told of alarms in consequence.

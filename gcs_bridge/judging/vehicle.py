@@ -84,7 +84,7 @@ class VehicleJudge:
             yield clock_notice(self.vehicle, change)
         boots = {segment.boot: segment for segment in batch.segments}
         more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
-        for index in sorted(boots.keys() | set(np.unique(np.concatenate(more)).tolist())):
+        for index in sorted(set(boots).union(*map(_boots_in, more))):
             yield from self._take_boot(index, boots.get(index), batch, link)
         yield from self.advance(link)
         last = int(frame_indices[-1])
@@ -367,3 +367,11 @@ class VehicleJudge:
 def _of_boot(secondary: Ahrs2Samples, boot: Boot) -> Ahrs2Samples:
     """What came of the second estimate within the boot."""
     return secondary.where((secondary.boot == boot.index) & (secondary.frame_index >= boot.frame_index))
+
+
+def _boots_in(boot: Int64s) -> set[int]:
+    """The different boots (n,); np.unique would load a part of numpy that takes as long as judging some seconds."""
+    if not len(boot):
+        return set()
+    first, last = int(boot.min()), int(boot.max())
+    return {first} if first == last else set(boot.tolist())

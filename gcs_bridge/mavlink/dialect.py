@@ -22,7 +22,6 @@ import numpy.typing as npt
 
 from gcs_bridge import cache as files_kept
 
-_FORM = 1  # of what is kept
 # MAVLink's wire types as little-endian numpy types (mavlink.io, guide/serialization.html).
 _WIRE_TYPES = {
     "char": "S1",
@@ -70,10 +69,11 @@ class Definition(NamedTuple):
     msgid: int
     crc_extra: int
     size: int  # bytes of the whole payload
+    ends: tuple[int, ...]  # the payload's length up to and with each field
     fields: tuple[tuple[str, str, int], ...]  # name, numpy's type, and array length or 0, in wire order
 
 
-Definitions = dict[str, tuple[int, int, int, tuple[tuple[str, str, int], ...]]]
+Definitions = dict[str, tuple[int, int, int, tuple[int, ...], tuple[tuple[str, str, int], ...]]]
 """`Definition` of each message by its name: of plain tuples, which are quickly loaded."""
 Enums = dict[str, dict[int, str]]
 """The names of each enum's values."""
@@ -92,7 +92,7 @@ class Dialect:
         row_of_id[list(self._name_of_id)] = np.arange(len(definitions))
         seeds = np.array([told.crc_extra for told in self._definitions.values()], np.uint8)
         sizes = np.array([told.size for told in self._definitions.values()])
-        ends = [_field_ends(told) for told in self._definitions.values()]
+        ends = [told.ends for told in self._definitions.values()]
         field_end = np.where(np.arange(256) < sizes[:, None], WITHIN, BEYOND).astype(np.uint8)
         field_end[np.repeat(np.arange(len(ends)), list(map(len, ends))), list(chain(*ends))] = FIELD_END
         self.tables = Tables(row_of_id, seeds, field_end)
@@ -113,11 +113,6 @@ class Dialect:
     def __getitem__(self, name: str) -> Message:
         told = self._definitions[name]
         return Message(name, told.msgid, told.crc_extra, _layout(name, told))
-
-
-def _field_ends(message: Definition) -> list[int]:
-    """The payload's length up to and with each field."""
-    return list(accumulate(int(base[-1]) * max(count, 1) for _, base, count in message.fields))
 
 
 def _layout(name: str, message: Definition) -> np.dtype[np.void]:
@@ -151,16 +146,16 @@ def load_dialect(name: str = "all") -> Dialect:
 
 
 def _kept_as(name: str) -> str | None:
-    """The name under which a dialect is kept: another one for whatever file of pymavlink it is from."""
+    """The name under which a dialect is kept: another one for another file of pymavlink, or of this module."""
     package = importlib.util.find_spec("pymavlink")
     if package is None or package.origin is None or not name.isidentifier():
         return None
     module = Path(package.origin).parent / "dialects" / "v20" / f"{name}.py"
     try:
-        status = module.stat()
+        status, by = module.stat(), zlib.crc32(Path(__file__).read_bytes())
     except OSError:
         return None
-    made_of = f"{_FORM} {marshal.version} {sys.version} {module} {status.st_mtime_ns} {status.st_size}"
+    made_of = f"{sys.version} {by} {module} {status.st_mtime_ns} {status.st_size}"
     return f"dialect.{name}-{zlib.crc32(made_of.encode()):08x}"
 
 
@@ -177,12 +172,13 @@ def _read_pymavlink(name: str) -> tuple[Definitions, Enums]:
         raise ValueError(f"unknown dialect {name!r}: the installed pymavlink has {', '.join(_names())}") from error
 
 
-def _definition(message: Any) -> tuple[int, int, int, tuple[tuple[str, str, int], ...]]:
+def _definition(message: Any) -> tuple[int, int, int, tuple[int, ...], tuple[tuple[str, str, int], ...]]:
     """Of pymavlink's class `message`."""
     wire_type = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
     in_wire_order = zip(message.ordered_fieldnames, message.array_lengths, strict=True)
     fields = tuple((name, _WIRE_TYPES[wire_type[name]], count) for name, count in in_wire_order)
-    return message.id, message.crc_extra, message.unpacker.size, fields
+    ends = tuple(accumulate(int(base[-1]) * max(count, 1) for _, base, count in fields))
+    return message.id, message.crc_extra, message.unpacker.size, ends, fields
 
 
 def _names() -> list[str]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, running_max
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record, running_max
 
 NumbersT = TypeVar("NumbersT", Int64s, Floats)
 
@@ -23,7 +22,7 @@ def first_at_or_behind(t: NumbersT, series: NumbersT, within: float = 0) -> tupl
     return at, same
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Track(FrameColumns):
     """n samples in order of arrival: `t_us` (n,) since boot, `rows` (n, k) what they hold."""
 

@@ -10,11 +10,9 @@ reboot, a gap that is too long, or a step that the stream's own rates deny.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record
 from gcs_bridge.pairing.kernel import (
     EULER,
     QUATERNION,
@@ -29,7 +27,7 @@ from gcs_bridge.settings import AlignmentSettings, ResetSettings
 from gcs_bridge.telemetry.samples import AttitudeSamples
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Pairs(FrameColumns):
     """n pairs of attitudes at one instant each, in the order in which they were completed.
 
@@ -59,7 +57,7 @@ class Pairs(FrameColumns):
     duration_us: Int64s
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Aligned:
     """A batch's pairs and steps, and with each message its stream's period by then, in boot and receive time, µs.
 

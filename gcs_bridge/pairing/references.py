@@ -6,11 +6,10 @@ What they are compared for is not known here.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record
 from gcs_bridge.pairing.neighbours import Track
 from gcs_bridge.pairing.seen import (
     ATTITUDE_WIDTH,
@@ -29,7 +28,7 @@ from gcs_bridge.settings import AlignmentSettings
 from gcs_bridge.telemetry.samples import AttitudeSamples, ImuSamples
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class VehicleImu(ImuSamples):
     """Samples of a vehicle's inertial sensor, with what the vehicle says of itself then.
 
@@ -42,7 +41,7 @@ class VehicleImu(ImuSamples):
     trim_b_rad: Floats
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class ImuWithAttitude(FrameColumns):
     """Inertial samples with the attitude at their times, n, in order of time; those that came late are left out.
 

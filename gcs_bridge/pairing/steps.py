@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record
 from gcs_bridge.pairing.kernel import StepRows
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Steps(FrameColumns):
     """n steps of one stream, from each sample to the next one in order.
 

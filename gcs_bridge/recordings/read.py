@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from gcs_bridge.columns import record
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scanner import Salvage, Scanner
@@ -30,7 +31,7 @@ from gcs_bridge.telemetry.samples import (
 from gcs_bridge.telemetry.sorting import FrameSorter, Share, SortedFrames
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class VehicleSamples:
     """What a recording holds of one vehicle; a message that never came is an empty array."""
 

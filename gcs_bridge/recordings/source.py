@@ -16,6 +16,7 @@ from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scanner import Scanner
 
 _CHUNK = 3 * 2**19  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
+_WHOLE = 0.99  # of the bytes read as records: no stream need be looked for
 _PROBE = 2**18  # bytes by which a recording is told from a stream without times
 # Other files that people may take for telemetry, by their first bytes, each with the tool that reads it.
 FOREIGN = {
@@ -95,11 +96,13 @@ def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
         for magic, what in FOREIGN.items():
             if file.tell() == len(probe) and probe.startswith(magic):
                 raise SourceError(f"{path}: {what}")
-        timed = Scanner(dialect, timed=True).scan(probe, final=True)
-        stream = Scanner(dialect, timed=False).scan(probe, final=True)
-        if len(timed) or len(stream):
+        records = Scanner(dialect, timed=True)
+        timed, stream = records.scan(probe, final=True), 0
+        if (records.salvage.read_fraction or 0.0) < _WHOLE:
+            stream = len(Scanner(dialect, timed=False).scan(probe, final=True))
+        if len(timed) or stream:
             known_us = timed["t_rx_us"][timed["t_rx_us"] > 0]  # a damaged time reads as 0
-            return int(next(iter(known_us), 0)) if len(timed) * 2 > len(stream) else None
+            return int(next(iter(known_us), 0)) if len(timed) * 2 > stream else None
     if not file.tell():
         raise SourceError(f"{path}: the file is empty: copy or record it again")
     raise SourceError(

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from gcs_bridge.columns import Columns, Floats, Int64s
+from gcs_bridge.columns import Columns, Floats, Int64s, record
 from gcs_bridge.events import Event
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.viewer.scene import UTC, boot_timeline
@@ -35,7 +35,7 @@ class Instant(NamedTuple):
     t_rx_us: int
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class Times(Columns):
     """When n rows were true, in one boot: (n,) each, µs, −1 where the receive time is unknown."""
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
-from gcs_bridge.jit.declared import ArrayOf, Scalar, TupleOf, declared_types
+from gcs_bridge.jit.declared import ArrayOf, Scalar, TupleOf, declared_types, text_of
 
 PAIR = np.dtype([("t", "i8"), ("x", "f8", (3,))])
 
@@ -71,5 +71,5 @@ def test_a_description_tells_types_apart() -> None:
         np.dtype([("t", "i8"), ("x", "f8", (2,))]),
         np.dtype({"names": ["t", "x"], "formats": ["i8", ("f8", (3,))], "offsets": [0, 16]}),
     ]
-    texts = {str(TupleOf(Sums, (ArrayOf(dtype, ndim),))) for dtype in dtypes for ndim in (1, 2)}
+    texts = {text_of(TupleOf(Sums, (ArrayOf(dtype, ndim),))) for dtype in dtypes for ndim in (1, 2)}
     assert len(texts) == 8

@@ -21,7 +21,7 @@ limits = types.SimpleNamespace()
 TABLE = np.arange(4)
 LIMIT = 3
 LAYOUT = np.dtype([("a", "i8"), ("b", "i8")])
-constants = types.ModuleType("constants")
+constants = types.ModuleType("mine.constants")
 constants.LARGEST = 7.0
 
 def deep(x):
@@ -52,7 +52,7 @@ def kernel(x):
 def digest_of(source: str, **more: Any) -> str:
     recipe._globals_of.cache_clear()
     recipe._told.cache_clear()
-    module: dict[str, Any] = {}
+    module: dict[str, Any] = {"__name__": "mine.kernels"}
     exec(source, module)
     plain = (module["deep"], module["helper"], module["scaled"], module["kernel"])
     stand_ins = {one: recipe.StandIn(one) for one in plain}

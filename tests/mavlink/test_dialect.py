@@ -97,5 +97,5 @@ def test_what_was_kept_is_used(kept: Path) -> None:
     """Else the tests above would show nothing."""
     name = dialect._kept_as("minimal")
     assert name is not None
-    cache.write(name, marshal.dumps(({"MINE": (3, 4, 1, (("x", "<u1", 0),))}, {})))
+    cache.write(name, marshal.dumps(({"MINE": (3, 4, 1, (1,), (("x", "<u1", 0),))}, {})))
     assert dialect.load_dialect("minimal").name_of(3) == "MINE"
