@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +16,7 @@ from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.snapshot import LinkNow, VehicleNow
 from gcs_bridge.judging.vehicle import VehicleJudge
 from gcs_bridge.mavlink.dialect import Dialect
-from gcs_bridge.mavlink.scan import Bytes, Frames
-from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanned, Scanner
+from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
 from gcs_bridge.report import schema
 from gcs_bridge.report.verdicts import worst_verdict
 from gcs_bridge.settings import Settings
@@ -39,6 +39,14 @@ class Judged:
     sysid: int | None
     window_s: tuple[float | None, float | None]
     observer: Observer | None
+
+
+class Scanned(NamedTuple):
+    """Frames, sorted; None: there was no whole one. `done`: bytes of the link so far."""
+
+    batch: SortedFrames | None
+    done: int
+    raw: Sequence[RawFrame]
 
 
 class LinkVehicle:
@@ -150,17 +158,18 @@ class Link:
         return self.judge(self.scan(chunks, final=final))
 
     def scan(self, chunks: Chunks, *, final: bool = False) -> Scanned:
-        """The frames that the chunks complete; another thread may call this while frames are judged."""
+        """The frames that the chunks complete; another thread may call this while those before are judged."""
         scanner = self._scanner
         frames = scanner.scan_chunks(chunks.data, chunks.ends, chunks.t_rx_us, whole=self._datagrams, final=final)
         raw = scanner.raw_frames() if self.on_frames is not None and len(scanner.all_frames) else ()
-        return Scanned(scanner.buffer, frames, scanner.read, raw)
+        batch = self._sorter.sort(scanner.buffer, frames) if len(frames) else None
+        return Scanned(batch, scanner.read, raw)
 
     def judge(self, scanned: Scanned) -> list[Event]:
         """Judge frames as one batch."""
         if scanned.raw and self.on_frames is not None:
             self.on_frames(scanned.raw)
-        return events_of(self._judge(scanned.buffer, scanned.frames)) if len(scanned.frames) else []
+        return [] if scanned.batch is None else events_of(self._judge(scanned.batch))
 
     def open(self, *, datagrams: bool) -> None:
         """It is there again, and goes on counting where it left off."""
@@ -218,8 +227,7 @@ class Link:
             vehicles=tuple(vehicles),
         )
 
-    def _judge(self, buffer: Bytes, frames: Frames) -> Iterator[Notice]:
-        batch = self._sorter.sort(buffer, frames)
+    def _judge(self, batch: SortedFrames) -> Iterator[Notice]:
         for share in batch.shares:
             vehicle = self._vehicles.get(share.address) or self._new_vehicle(share.address)
             yield from vehicle.take(batch, share)

@@ -13,11 +13,10 @@ from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.chunks import Chunk, Chunks, Framing
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event, Notice
-from gcs_bridge.judging.link import Datagram, FrameObserver, Judged, Link, events_of
+from gcs_bridge.judging.link import Datagram, FrameObserver, Judged, Link, Scanned, events_of
 from gcs_bridge.judging.observation import Observer
 from gcs_bridge.judging.snapshot import Snapshot
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
-from gcs_bridge.mavlink.scanner import Scanned
 from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings, load_settings
 from gcs_bridge.telemetry.samples import STREAMS

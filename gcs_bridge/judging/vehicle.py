@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from gcs_bridge.alarms.manager import AlarmManager, AlarmTransition
+from gcs_bridge.beside import Beside
 from gcs_bridge.checks import all_checks
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
@@ -43,6 +45,7 @@ from gcs_bridge.telemetry.stream_counts import StreamCount
 from gcs_bridge.telemetry.stream_liveness import OTHER, StreamChange, Timeline
 
 _FIXED_WING = ("fixed_wing",)  # MAV_TYPE; what hovers too is told by its VTOL types
+_MANY = 4096  # messages that are worth another thread, which takes 0.1 ms to begin
 _MOST_NEWS = 10_000  # statements that can wait for a message with a time
 
 
@@ -195,10 +198,11 @@ class VehicleJudge:
         self._news = [*self._news, *batch.statements][-_MOST_NEWS:]
         self._trims.hear(batch.statements)
         self._stillness.told(batch.statements, batch.motion)
-        for say in batch.statements:
-            if isinstance(say, ModeSet):
-                self._fixed_wing.put(np.array([say.frame_index]), np.array([float(say.type in _FIXED_WING)]))
-                self._ardupilot.put(np.array([say.frame_index]), np.array([float(say.autopilot == "ardupilot")]))
+        modes = [say for say in batch.statements if isinstance(say, ModeSet)]
+        if modes:
+            since = np.array([say.frame_index for say in modes])
+            self._fixed_wing.put(since, np.array([float(say.type in _FIXED_WING) for say in modes]))
+            self._ardupilot.put(since, np.array([float(say.autopilot == "ardupilot") for say in modes]))
 
     def _take_boot(
         self, index: int, segment: BootSegment | None, batch: VehicleBatch, link: LinkClock
@@ -229,7 +233,11 @@ class VehicleJudge:
         corrected = self._expected.correct(sent, quaternion)
         euler = sent if corrected.q_nb is sent.q_nb else replace(sent, q_nb=corrected.q_nb)
         self._trims.follow(corrected)
+        imu = self._imu_of(boot, batch)
+        see = partial(boot.references.take, segment.message, euler, quaternion, imu)
+        seeing = Beside(see) if len(segment.message) >= _MANY else None
         aligned = boot.aligner.pair(euler, quaternion, segment.message, None if euler is sent else sent.q_nb)
+        attitudes, imu_with_attitude = see() if seeing is None else seeing.result()
         self._count(segment, aligned.period_us)
         line = Timeline(
             frame_index=segment.frame_index,
@@ -245,8 +253,6 @@ class VehicleJudge:
         notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link)
         yield from notices
 
-        imu = self._imu_of(boot, batch)
-        attitudes, imu_with_attitude = boot.references.take(segment.message, euler, quaternion, imu)
         flight = CheckBatch(
             euler=euler,
             quaternion=quaternion,

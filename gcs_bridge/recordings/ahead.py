@@ -7,9 +7,10 @@ loop gives, in its order; two pieces are in memory at most.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from threading import Thread
-from typing import Generic, TypeVar
+from functools import partial
+from typing import TypeVar
 
+from gcs_bridge.beside import Beside
 from gcs_bridge.chunks import Chunk
 from gcs_bridge.mavlink.scanner import Scanned, Scanner
 
@@ -31,35 +32,11 @@ def _scanned(chunks: Iterable[Chunk], scanner: Scanner) -> Iterator[Scanned]:
 
 def ahead(items: Iterator[T]) -> Iterator[T]:
     """The same items; while one is used, the next is made in another thread."""
-    coming = _Coming(items)
+    another = partial(next, items, None)
+    coming = Beside(another)
     try:
         while (item := coming.result()) is not None:
-            coming = _Coming(items)
+            coming = Beside(another)
             yield item
     finally:
         coming.join()
-
-
-class _Coming(Thread, Generic[T]):
-    """The next item, while it is made. Python's pool of threads does that too, and takes longer to load."""
-
-    def __init__(self, items: Iterator[T]) -> None:
-        super().__init__()
-        self._items = items
-        self._item: T | None = None
-        self._error: BaseException | None = None
-        self.start()
-
-    def run(self) -> None:
-        """Make it."""
-        try:
-            self._item = next(self._items, None)
-        except BaseException as error:  # noqa: BLE001  it is raised where the item is asked for
-            self._error = error
-
-    def result(self) -> T | None:
-        """The item, None behind the last; what went wrong when it was made is raised here."""
-        self.join()
-        if self._error is not None:
-            raise self._error
-        return self._item
