@@ -32,6 +32,7 @@ __all__ = ["check", "find_recordings"]
 @click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
 @click.option("--format", "form", type=click.Choice(list(FORMATS)), default="text", help="Of the report.  [text]")
 @click.option("--output", type=click.Path(path_type=Path), metavar="PATH", help="Write the report to this file.")
+@click.option("--events", metavar="FILE|-", help="Write events as JSON lines; - is standard output.")
 @click.option("--evidence", type=click.Path(path_type=Path), metavar="DIR", help="Write what each alarm rests on.")
 @click.option("--fail-on", type=click.Choice(["warning", "alarm", "never"]), help="What ends with 1.  [alarm]")
 @click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
@@ -49,6 +50,7 @@ def check(
     to_s: float | None,
     form: str,
     output: Path | None,
+    events: str | None,
     evidence: Path | None,
     fail_on: str | None,
     profile: str,
@@ -64,6 +66,7 @@ def check(
     Exit codes: 0 good, 1 an alarm (or warning, by --fail-on), 2 usage or configuration,
     3 a source that cannot be used, 4 no attitude could be compared.
     """
+    from gcs_bridge.cli.recorded_events import events_of, plan_events
     from gcs_bridge.evidence.place import Place
     from gcs_bridge.files import refuse_unwritable, write_file, write_stdout
     from gcs_bridge.report import Report, worst_exit_code
@@ -75,6 +78,7 @@ def check(
     if output is not None:
         refuse_unwritable(output, sources=recordings)
     place = None if evidence is None else Place(evidence, recordings)
+    told = None if events is None else plan_events(events, recordings, others=[output] if output else [])
 
     gc.disable()  # what is imported stays: looking for garbage in it again and again takes a tenth of the start
     from gcs_bridge.recordings.check import check_file  # the heavy part, after everything that may be refused
@@ -85,17 +89,18 @@ def check(
     selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
 
     def judge(recording: Path, progress: ProgressBar) -> File:
-        if place is None:
-            return check_file(recording, settings, **selected, progress=progress)
-        from gcs_bridge.evidence.gather import Evidence
+        with events_of(recording, told) as sinks:
+            if place is None:
+                return check_file(recording, settings, **selected, progress=progress, sinks=sinks)
+            from gcs_bridge.evidence.gather import Evidence
 
-        folder = place.folder(recording)
-        with Evidence(recording, folder, dialect) as gathered:
-            entry = check_file(recording, settings, **selected, progress=progress, sinks=[gathered])
-            count = gathered.complete(entry)
-        if not quiet:
-            complain(_evidence(recording, folder, count, gathered.left_out), kind="note")
-        return entry
+            folder = place.folder(recording)
+            with Evidence(recording, folder, dialect) as gathered:
+                entry = check_file(recording, settings, **selected, progress=progress, sinks=[gathered, *sinks])
+                count = gathered.complete(entry)
+            if not quiet:
+                complain(_evidence(recording, folder, count, gathered.left_out), kind="note")
+            return entry
 
     judged: list[File] = []
     sizes = [_size(recording) for recording in recordings]
@@ -117,6 +122,8 @@ def check(
             write_file(result, output)
             if not quiet:
                 click.echo(report.to_text(detail=-1), nl=False, err=True)
+        elif told is not None and told.takes_stdout:
+            click.echo(result, nl=False, err=True)
         elif form == "text" and wants_colour(no_color=no_color):
             print_coloured(result)
         else:

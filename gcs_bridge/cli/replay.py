@@ -19,6 +19,7 @@ from gcs_bridge.viewer.base import FORMS
 
 if TYPE_CHECKING:  # loaded when there is something to show
     from gcs_bridge.judging.monitor import Monitor
+    from gcs_bridge.sinks.base import Plan
     from gcs_bridge.viewer import Viewer
 
 __all__ = ["replay"]
@@ -36,6 +37,7 @@ _LONGEST_PAUSE_S = 5.0  # nobody waits for the rest of a longer one
 @click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
 @click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
 @click.option("--viewer", default="auto", metavar="WHICH", help=f"{FORMS}.  [auto]")
+@click.option("--events", metavar="FILE|-", help="Write events as JSON lines; - is standard output.")
 @click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
 @click.option("--config", type=click.Path(path_type=Path), metavar="FILE", help="TOML with settings of your own.")
 @click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]")
@@ -48,6 +50,7 @@ def replay(
     from_s: float | None,
     to_s: float | None,
     viewer: str,
+    events: str | None,
     profile: str,
     config: Path | None,
     dialect: str,
@@ -61,6 +64,7 @@ def replay(
     Exit codes: 0 shown, whatever was raised, 2 usage or configuration, 3 a source that cannot be used,
     4 no vehicle in it sent its attitude.
     """
+    from gcs_bridge.cli.recorded_events import plan_events
     from gcs_bridge.judging.monitor import open_dialect
     from gcs_bridge.links.loop import Stop
     from gcs_bridge.report import worst_exit_code
@@ -75,12 +79,15 @@ def replay(
     spec = ViewerSpec.parse(viewer)
     settings = load_settings(profile, config)
     open_dialect(dialect)
+    told = None if events is None else plan_events(events, paths, others=[spec.path] if spec.path else [])
     selected = {"settings": settings, "dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
 
     with Stop():
         try:
             with open_viewer(spec, say=_note, sources=paths, live=speed is not None) as shown:
-                codes = [_show(path, shown, selected, speed=speed, moment=moment, quiet=quiet) for path in paths]
+                codes = [
+                    _show(path, shown, selected, speed=speed, moment=moment, events=told, quiet=quiet) for path in paths
+                ]
                 if shown.stays and 0 in codes:
                     _note("the viewer gets its data from this process: Ctrl-C ends it")
                     threading.Event().wait()
@@ -96,9 +103,11 @@ def _show(
     *,
     speed: float | None,
     moment: Literal["alarm"] | float | None,
+    events: Plan | None,
     quiet: bool,
 ) -> int:
     """Show one recording; the exit code that it alone would give."""
+    from gcs_bridge.cli.recorded_events import events_of
     from gcs_bridge.judging.monitor import Monitor
     from gcs_bridge.recordings.check import closing_entry, feed
     from gcs_bridge.recordings.open import open_recording
@@ -106,7 +115,7 @@ def _show(
     from gcs_bridge.sinks.base import Sinks
 
     try:
-        with open_recording(path, selected["dialect"]) as source:
+        with open_recording(path, selected["dialect"]) as source, events_of(path, events) as lines:
             if selected["from_s"] is not None or selected["to_s"] is not None:
                 source.need_times("--from and --to cannot select by them")
             if speed is not None:
@@ -114,7 +123,7 @@ def _show(
             if isinstance(moment, float):
                 source.need_times("--at cannot find a time in it")
             sink = viewer.recording(path.name)
-            sinks = Sinks([sink])
+            sinks = Sinks([sink, *lines])
             monitor = Monitor(**selected, observer=sinks.observer, on_frames=sinks.on_frames)
             pace = None if speed is None else _Pace(monitor, speed)
             with ProgressBar(total_bytes=source.size, enabled=not quiet and pace is None) as progress:
@@ -135,7 +144,7 @@ def _show(
             raise UsageError(f"{path}: --at {moment:g} is past its end: {monitor.span_s:.1f} s in all")
         _note(f"{path}: no alarm was raised, so it is opened at its beginning")
     if not quiet:
-        click.echo(Report.of([entry]).to_text(detail=-1), nl=False)
+        click.echo(Report.of([entry]).to_text(detail=-1), nl=False, err=events is not None and events.takes_stdout)
     if not any(stream in vehicle.streams for vehicle in entry.vehicles for stream in _ATTITUDES):
         return 4
     return 0

@@ -14,6 +14,7 @@ from gcs_bridge.events import (
     ClockStep,
     CompareResumed,
     EstimatorReset,
+    Event,
     Inop,
     NoCompare,
     Notice,
@@ -26,6 +27,7 @@ from gcs_bridge.events import (
 )
 from gcs_bridge.judging.boot import Boot
 from gcs_bridge.judging.estimator_resets import Reset
+from gcs_bridge.report import schema
 from gcs_bridge.telemetry.clocks import ClockChange
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
@@ -51,6 +53,12 @@ def reset_notice(vehicle: VehicleId, boot: int, reset: Reset, t_rx_us: int, said
         explained_by=tuple(said),
     )
     return Notice(reset.frame_index, event)
+
+
+def reset_entry(event: Event) -> schema.EstimatorReset:
+    """The same for the report."""
+    fields = schema.EstimatorReset.__struct_fields__
+    return schema.EstimatorReset(**{name: getattr(event, name) for name in fields})
 
 
 def stream_changes(

@@ -27,7 +27,7 @@ from gcs_bridge.expected.trims import TrimsInForce
 from gcs_bridge.judging.boot import Boot
 from gcs_bridge.judging.diagnosis_cases import SentBatch
 from gcs_bridge.judging.estimator_resets import Statements
-from gcs_bridge.judging.notices import breaks, clock_notice, reset_notice, stream_changes
+from gcs_bridge.judging.notices import breaks, clock_notice, reset_entry, reset_notice, stream_changes
 from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.snapshot import AlarmNow, CheckNow, VehicleNow, attitude_now, last_of
 from gcs_bridge.judging.verdicts import Verdicts
@@ -46,6 +46,7 @@ from gcs_bridge.telemetry.stream_liveness import OTHER, StreamChange, Timeline
 
 _FIXED_WING = ("fixed_wing",)  # MAV_TYPE; what hovers too is told by its VTOL types
 _MANY = 4096  # messages that are worth another thread, which takes 0.1 ms to begin
+_MOST_RESETS = 100  # that the report lists
 _MOST_NEWS = 10_000  # statements that can wait for a message with a time
 
 
@@ -58,6 +59,7 @@ class VehicleJudge:
         self._observer = observer
         self._settings = settings
         self._boots: list[schema.Boot] = []
+        self._resets: list[schema.EstimatorReset] = []
         self._boot: Boot | None = None
         self._both_alive_us = 0
         self._checks = all_checks(settings)
@@ -138,6 +140,7 @@ class VehicleJudge:
             type=reader.type,
             verdict=self._verdicts.of_vehicle(verdicts),
             boots=tuple(boots),
+            resets=tuple(self._resets),
             streams={name: self._streams[name].entry() for name in sorted(self._streams)},
             checks=tuple(
                 self._verdicts.entry(check, verdicts[check.name], reader.autopilot, both_alive_us)
@@ -272,7 +275,10 @@ class VehicleJudge:
             boot.diagnosis_cases.reset_at(reset.frame_index, reset.t1_us)
             t_rx_us = link.at(reset.frame_index)
             said = self._statements.before(reset.frame_index, t_rx_us)
-            yield reset_notice(self.vehicle, boot.index, reset, t_rx_us, said)
+            notice = reset_notice(self.vehicle, boot.index, reset, t_rx_us, said)
+            if len(self._resets) < _MOST_RESETS:
+                self._resets.append(reset_entry(notice.event))
+            yield notice
         self.alarm_manager.begin(signals, link)
         for check in self._checks:
             check.judge(flight, self.alarm_manager.ballot)

@@ -15,6 +15,7 @@ from gcs_bridge.contract import ExplainedBy, Severity, known
 from gcs_bridge.expected import Expected
 from gcs_bridge.mavlink.requests import request_command
 from gcs_bridge.report import schema
+from gcs_bridge.report.wording import UNITS
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.stream_counts import StreamCount
@@ -79,7 +80,7 @@ class Verdicts:
             numbers["coverage"] = min(check.judged_us / both_alive_us, 1.0) if both_alive_us > 0 else None
             explained_by = self._expected.explanations()
         reason = self._reason(check, verdict, autopilot)
-        remark = check.remark if verdict in ("agree", "explained", "no_compare") else None
+        remark = check.remark if verdict in ("agree", "explained", "no_compare") and check.judged else None
         return schema.Check(
             name=check.name,
             verdict=verdict,
@@ -95,7 +96,7 @@ class Verdicts:
             found = [alarm for alarm in self._alarms.alarms if (alarm.check, alarm.severity) == (check.name, verdict)]
             worst = max(found, key=lambda alarm: alarm.peak)
             count = f"1 {verdict}" if len(found) == 1 else f"{len(found)} {verdict}s"
-            return f"{count}: {worst.what}, up to {worst.peak:.3g} {worst.unit}".replace(" deg", "°")
+            return f"{count}: {worst.what}, up to {worst.peak:.3g}{UNITS.get(worst.unit, f' {worst.unit}')}"
         if verdict == "inop":
             return check.broken or ""
         if verdict == "no_compare":

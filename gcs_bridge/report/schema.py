@@ -8,7 +8,7 @@ from msgspec import Meta, Struct
 
 from gcs_bridge.contract import Alarm, BootIndex, Distribution, ExplainedBy, Stream
 
-__all__ = ["Boot", "Check", "CheckVerdict", "File", "Gap", "Salvage", "Vehicle", "Verdict"]
+__all__ = ["Boot", "Check", "CheckVerdict", "EstimatorReset", "File", "Gap", "Salvage", "Vehicle", "Verdict"]
 
 Verdict = Literal["agree", "warning", "alarm", "no_compare"]
 CheckVerdict = Literal["agree", "explained", "warning", "alarm", "no_compare", "inop"]
@@ -46,6 +46,17 @@ class Boot(Struct, frozen=True, kw_only=True):
     start_utc: Annotated[str | None, Meta(description="receive time at which the boot clock was zero, ISO 8601")]
 
 
+class EstimatorReset(Struct, frozen=True, kw_only=True):
+    """Both attitudes stepped together, against the gyro: as the event of that name."""
+
+    boot: BootIndex
+    boot_s: Annotated[float | None, Meta(description="boot time of the first attitude behind it, s")]
+    utc: Annotated[str | None, Meta(description="receive time at which it was known, ISO 8601")]
+    tilt: Annotated[float, Meta(description="of the new attitude seen from the old one, deg")]
+    heading: Annotated[float | None, Meta(description="of the new attitude seen from the old one, deg")]
+    explained_by: Annotated[tuple[str, ...], Meta(description="what the vehicle said right before")]
+
+
 class Check(Struct, frozen=True, kw_only=True):
     """What one check found. `raw` is before, `residual` after the differences made on purpose were undone."""
 
@@ -76,6 +87,7 @@ class Vehicle(Struct, frozen=True, kw_only=True):
     streams: Annotated[dict[str, Stream], Meta(description="by name of the message")]
     checks: Annotated[tuple[Check, ...], Meta(description="every one that exists, no_compare included")]
     alarms: Annotated[tuple[Alarm, ...], Meta(description="in the order of their first raise")]
+    resets: Annotated[tuple[EstimatorReset, ...], Meta(description="of the estimator, the first hundred")] = ()
 
 
 class File(Struct, frozen=True, kw_only=True):

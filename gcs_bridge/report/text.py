@@ -15,15 +15,14 @@ from msgspec.structs import asdict
 from gcs_bridge.contract import Alarm, Diagnosis, Distribution, Stream
 from gcs_bridge.errors import one_line
 from gcs_bridge.mavlink.requests import request_command
-from gcs_bridge.report.schema import Boot, Check, File, Salvage, Vehicle
+from gcs_bridge.report.schema import Boot, Check, EstimatorReset, File, Salvage, Vehicle
 from gcs_bridge.report.verdicts import LABELS, UNJUDGED, compared, sends_attitude
-from gcs_bridge.report.wording import difference
+from gcs_bridge.report.wording import UNITS, difference, quantity
 
 __all__ = ["lines"]
 
 _WIDTH = 100
 _NBSP = "\N{NO-BREAK SPACE}"
-_UNITS = {"deg": "°", "deg/s": " °/s", "": "", "1": ""}
 _COMPARED = ("ATTITUDE", "ATTITUDE_QUATERNION")  # the two sides of euler_quaternion
 
 
@@ -71,6 +70,8 @@ def _vehicle(vehicle: Vehicle, detail: int) -> Iterator[str]:
     )
     for boot in vehicle.boots:
         yield from _row(f"boot {boot.index}", _boot(boot))
+    for reset in vehicle.resets:
+        yield from _row("reset", _reset(reset))
     streams = [_stream(name, stream, detail) for name, stream in vehicle.streams.items()]
     yield from _row("streams", ", ".join(map(_whole, streams)) or "none")
     for check in vehicle.checks:
@@ -83,7 +84,7 @@ def _judged(check: Check | None) -> str:
     if check is None or check.verdict == "inop":
         return "could not run"
     if check.verdict == "no_compare":
-        return f"not judged (coverage {_percent(check.coverage)})"
+        return "not judged" if check.coverage is None else f"not judged (coverage {_percent(check.coverage)})"
     return f"judged over {_percent(check.coverage)} of the time both came"
 
 
@@ -91,6 +92,12 @@ def _boot(boot: Boot) -> str:
     first, last = boot.first_boot_s, boot.last_boot_s
     began = "" if boot.start_utc is None else f", started {boot.start_utc}"
     return f"{_seconds(first)} to {_seconds(last)} ({_seconds(last - first)}){began}"
+
+
+def _reset(reset: EstimatorReset) -> str:
+    said = f"at {_seconds(reset.boot_s)} of boot {reset.boot} the estimator's heading stepped by "
+    said += f"{quantity(reset.heading, 'deg')}, its tilt by {quantity(reset.tilt, 'deg')}"
+    return f"{said} (said before it: {one_line('; '.join(reset.explained_by))})" if reset.explained_by else said
 
 
 def _stream(name: str, stream: Stream, detail: int) -> str:
@@ -153,12 +160,26 @@ def _diagnosis(diagnosis: Diagnosis) -> str:
 def _conclusion(entry: File) -> Iterator[str]:
     """The file's last line, verdict first, and the commands that would get what was missing."""
     vehicles = entry.vehicles
-    yield f"{LABELS[entry.verdict]:<10}  {one_line(entry.path)}: {_summary(vehicles)}"
+    alarms = [(vehicle, alarm) for vehicle in vehicles for alarm in vehicle.alarms]
+    yield f"{LABELS[entry.verdict]:<10}  {one_line(entry.path)}: {_summary(vehicles)}{_worst(alarms)}"
+    if alarms:
+        return  # what does not come is not what they are about
     # Where others send an attitude, a vehicle that sends none may have none: a tracker, a gimbal.
     flying = [vehicle for vehicle in vehicles if sends_attitude(vehicle)]
     for vehicle in flying or vehicles:
         for where, command in _requests(vehicle):
             yield f"            next, in {where} for vehicle {vehicle.sysid}: {command}"
+
+
+def _worst(alarms: Sequence[tuple[Vehicle, Alarm]]) -> str:
+    """The first of the worst of them, and its cause, for the last line."""
+    if not alarms:
+        return ""
+    severity = "alarm" if any(alarm.severity == "alarm" for _, alarm in alarms) else "warning"
+    vehicle, alarm = next(one for one in alarms if one[1].severity == severity)
+    of = "" if len({id(one) for one, _ in alarms}) == 1 else f"vehicle {vehicle.sysid}: "
+    cause = "" if alarm.diagnosis is None else f", {alarm.diagnosis.cause}"
+    return f": {of}{alarm.check} at {_seconds(alarm.raised_boot_s)}{cause}"
 
 
 def _summary(vehicles: Sequence[Vehicle]) -> str:
@@ -217,7 +238,7 @@ def _value(value: float | Sequence[float] | None, unit: str | None) -> str:
     if value is None:
         return "unknown"
     numbers = value if isinstance(value, Sequence) else [value]
-    return "/".join(_number(number) for number in numbers) + _UNITS.get(unit or "", f" {unit}")
+    return "/".join(_number(number) for number in numbers) + UNITS.get(unit or "", f" {unit}")
 
 
 def _count(value: int | None, noun: str) -> str:

@@ -7,8 +7,9 @@ import math
 from gcs_bridge.contract import Alarm
 from gcs_bridge.events import AlarmEvent
 
-__all__ = ["difference", "quantity"]
-_UNITS = {"deg": "°", "deg/s": " °/s", "": "", "1": ""}
+__all__ = ["UNITS", "difference", "quantity"]
+UNITS = {"deg": "°", "deg/s": " °/s", "": "", "1": ""}
+"""How a unit is written behind its number, where that is not a space and its name."""
 
 
 def difference(alarm: Alarm | AlarmEvent) -> str:
@@ -30,4 +31,4 @@ def quantity(value: float | None, unit: str) -> str:
     if value is None or math.isnan(value):
         return "unknown"
     number = f"{value:.2f}" if unit == "deg" else f"{value:.3g}"
-    return number + _UNITS.get(unit, f" {unit}")
+    return number + UNITS.get(unit, f" {unit}")

@@ -227,7 +227,8 @@ def test_output_holds_the_report_and_stdout_nothing(capsys: pytest.CaptureFixtur
     Path("report.json").write_text("old")
     assert main(["check", "alarm.tlog", "--format", "json", "--output", "report.json"]) == 1
     assert json.loads(Path("report.json").read_bytes())["verdict"] == "alarm"
-    assert capsys.readouterr() == ("", "ALARM       alarm.tlog: 1 vehicle, 1 alarm\n")
+    last = "ALARM       alarm.tlog: 1 vehicle, 1 alarm: euler_quaternion at 12.4 s\n"
+    assert capsys.readouterr() == ("", last)
     assert not list(Path().glob(".*.tmp"))
 
 

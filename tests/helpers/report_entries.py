@@ -102,6 +102,7 @@ def vehicle(verdict: str = "agree", **changes: Any) -> dict[str, Any]:
         "streams": {"ATTITUDE": stream(), "ATTITUDE_QUATERNION": stream()},
         "checks": [check(verdict=verdict)],
         "alarms": [ALARM] if verdict == "alarm" else [],
+        "resets": [],
         **changes,
     }
 

@@ -143,7 +143,7 @@ def test_first_line_of_a_vehicle_tells_how_much_was_judged() -> None:
 def test_first_line_of_a_vehicle_tells_that_nothing_was_judged() -> None:
     """Agreement of other checks does not hide that euler_quaternion had nothing to compare."""
     said = text(without_quaternion(verdict="agree", checks=[check(verdict="no_compare"), check("gravity")]))
-    assert said.splitlines()[1] == "  1,1 ardupilot quadrotor  AGREE  euler_quaternion not judged (coverage unknown)"
+    assert said.splitlines()[1] == "  1,1 ardupilot quadrotor  AGREE  euler_quaternion not judged"
     assert "NO COMPARE  no ATTITUDE_QUATERNION was received" in row(said, "euler_quaternion")
 
 
@@ -197,7 +197,7 @@ def test_text_ends_with_a_line_for_each_file() -> None:
     told = report(AGREE, ALARMED, EMPTY)
     last = [
         "AGREE       flight.tlog: 1 vehicle, no alarm",
-        "ALARM       flight.tlog: 1 vehicle, 1 alarm",
+        "ALARM       flight.tlog: 1 vehicle, 1 alarm: euler_quaternion at 12.4 s",
         "NO COMPARE  flight.tlog: no vehicle",
     ]
     assert told.to_text().splitlines()[-3:] == last
@@ -211,6 +211,28 @@ def test_the_command_that_gets_the_missing_message_is_told() -> None:
         "            next, in MAVProxy for vehicle 7: long SET_MESSAGE_INTERVAL 31 40000",
     ]
     assert "next" not in text(vehicle())
+
+
+def test_under_an_alarm_the_last_line_is_about_it() -> None:
+    """When, by which check, and why; and no request of a message that has nothing to do with it."""
+    gravity = {**ALARM, "check": "gravity", "id": "1,1/gravity/0/1"}
+    said = text(without_quaternion("alarm", alarms=[gravity]), verdict="alarm", detail=-1)
+    assert said.splitlines() == ["ALARM       flight.tlog: 1 vehicle, 1 alarm: gravity at 12.4 s"]
+    warned = {**ALARM, "severity": "warning", "check": "stream", "id": "7,1/stream/0/1"}
+    diagnosed = {**ALARM, "diagnosis": DIAGNOSIS}
+    said = text(vehicle("warning", sysid=7, alarms=[warned]), vehicle("alarm", alarms=[diagnosed]), verdict="alarm")
+    assert said.splitlines()[-1].endswith(
+        "2 vehicles, 1 alarm, 1 warning: vehicle 1: euler_quaternion at 12.4 s, yaw_offset"
+    )
+
+
+def test_resets_of_the_estimator_have_rows() -> None:
+    """When, how far it stepped, and what the vehicle said before it."""
+    reset = {"boot": 1, "boot_s": 70.1, "utc": None, "tilt": 0.012, "heading": 21.7, "explained_by": ["EKF yaw reset"]}
+    assert row(text(vehicle(resets=[reset])), "reset").split(maxsplit=1)[1] == (
+        "at 70.1 s of boot 1 the estimator's heading stepped by 21.70°, its tilt by 0.01° "
+        "(said before it: EKF yaw reset)"
+    )
 
 
 def test_who_has_no_attitude_is_asked_for_one_only_if_nobody_has() -> None:
