@@ -1,7 +1,8 @@
 """Where the time and the memory of one `gcs-bridge check` go, in this one process: start-up, then stage by stage.
 
-Time is a stage's own: what it calls is another's if that is in the table. With --functions, cProfile's list follows;
-with --scan, the speed of the frame scan alone is all there is.
+Time is a stage's own: what it calls is another's if that is in the table. Of the threads only the one that judges is on
+the clock: another scans the next piece meanwhile, and sees inertial samples while this one pairs attitudes. With
+--functions, cProfile's list follows; with --scan, the speed of the frame scan alone is all there is.
 
     python -m benchmarks.stages long.tlog
 """
@@ -18,41 +19,50 @@ import pstats
 import resource
 import statistics
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-PIECE = 2**22
+from gcs_bridge.jit.kernels import KERNELS
 
-# stage → its functions. A function that is not there any more is named in the output and costs nothing else.
+PIECE = 2**22
+CHECKS = [
+    ("euler_quaternion", "EulerQuaternion"),
+    ("quaternion_norm", "QuaternionNorm"),
+    ("body_rates", "BodyRates"),
+    ("kinematics", "Kinematics"),
+    ("gyro", "Gyro"),
+    ("gravity", "Gravity"),
+    ("mag_heading", "MagHeading"),
+    ("secondary_estimate", "SecondaryEstimate"),
+    ("stream", "StreamCheck"),
+]
+
+# stage → its functions; each compiled kernel is a stage of its own. A function that is not there any more is named in
+# the output and costs nothing else.
 STAGES = {
-    "scan": ["gcs_bridge.mavlink.scanner:Scanner.scan_pieces"],
-    "sort": ["gcs_bridge.telemetry.sorting:FrameSorter.sort"],
-    "boot clock": ["gcs_bridge.telemetry.clocks:BootClock.read"],
-    "samples": [
-        "gcs_bridge.telemetry.attitudes:AttitudeReader.read",
-        "gcs_bridge.telemetry.inertial:ImuReader.read",
-        "gcs_bridge.telemetry.secondary:Ahrs2Reader.read",
-    ],
-    "vehicle (rest of reading)": ["gcs_bridge.telemetry.component:VehicleReader.read"],
-    "align": ["gcs_bridge.pairing.pairs:Aligner.pair"],
-    "check": ["gcs_bridge.checks.euler_quaternion:compare"],
-    "statistics": ["gcs_bridge.checks.quantiles:Quantiles.add", "gcs_bridge.checks.quantiles:Quantiles.summary"],
-    "rating for the alarm": ["gcs_bridge.checks.euler_quaternion:EulerQuaternion.judge"],
-    "alarm": ["gcs_bridge.alarms.state:Alarm.feed"],
+    "sort, but for its kernel": ["gcs_bridge.telemetry.sorting:FrameSorter.sort"],
+    "reading, but for its kernels": ["gcs_bridge.telemetry.component:VehicleReader.read"],
+    "expected differences": ["gcs_bridge.expected.vehicle:Expected.correct"],
+    "pairing": ["gcs_bridge.pairing.pairs:Aligner.pair"],
+    "attitudes at other samples' times": ["gcs_bridge.pairing.references:References.take"],
     "liveness": [
         "gcs_bridge.telemetry.stream_liveness:Liveness.take",
         "gcs_bridge.telemetry.stream_liveness:Liveness.pass_silence",
     ],
-    "judge (rest)": ["gcs_bridge.judging.vehicle:VehicleJudge.take"],
-    "monitor (rest)": ["gcs_bridge.judging.monitor:Monitor.feed_recording", "gcs_bridge.judging.monitor:Monitor.close"],
-    "reading the file, rest": ["gcs_bridge.recordings.check:check_file"],
+    "checks": [f"gcs_bridge.checks.{module}:{name}.judge" for module, name in CHECKS],
+    "quantiles": ["gcs_bridge.checks.quantiles:Quantiles.add", "gcs_bridge.checks.quantiles:Quantiles.summary"],
+    "alarms": ["gcs_bridge.alarms.manager:AlarmManager.begin", "gcs_bridge.alarms.manager:AlarmManager.tell"],
+    "vehicle, rest": ["gcs_bridge.judging.vehicle:VehicleJudge.take"],
+    "monitor, rest": ["gcs_bridge.judging.monitor:Monitor.judge", "gcs_bridge.judging.monitor:Monitor.close"],
+    "waiting for the other thread, and rest": ["gcs_bridge.recordings.check:check_file"],
 }
 
 
-class Clock:
-    """Gives each moment to the innermost stage that runs."""
+class Clock(threading.local):
+    """Gives each moment of one thread to the innermost stage that runs in it."""
 
     def __init__(self) -> None:
         self.spent_s: dict[str, float] = {}
@@ -115,6 +125,9 @@ class Clock:
                     setattr(owner, name, self.timed(stage, getattr(owner, name)))
                 except (ImportError, AttributeError):
                     missing.append(place)
+        for kernel in KERNELS:
+            kernel.load()
+            kernel._run = self.timed(f"kernel {kernel.__name__}", kernel._run)
         return missing
 
 
@@ -130,8 +143,6 @@ def peak_mb() -> float:
 def start_up(head: bytes) -> None:
     """Import what `check` imports and load its kernels, in its order; print each step's time and memory."""
     from gcs_bridge._version import __version__  # so that the package itself is no part of the first step
-
-    sys.modules.setdefault("scipy", None)  # type: ignore[arg-type]  # as the command does: numba is not to load it
 
     def load_kernels() -> None:
         from gcs_bridge.judging.monitor import Monitor
@@ -149,10 +160,10 @@ def start_up(head: bytes) -> None:
         ("command line (click)", lambda: importlib.import_module("gcs_bridge.cli.app")),
         ("settings (msgspec)", lambda: importlib.import_module("gcs_bridge.settings").load_settings()),
         ("numpy", lambda: importlib.import_module("numpy")),
-        ("numba", lambda: importlib.import_module("numba")),
+        ("llvmlite", lambda: importlib.import_module("llvmlite.binding")),
         ("the rest of gcs_bridge", lambda: importlib.import_module("gcs_bridge.recordings.source")),
         ("dialect tables (pymavlink)", load_dialect),
-        ("kernels from numba's cache", load_kernels),
+        ("kernels, from where they are kept", load_kernels),
     ]
     print(f"gcs-bridge {__version__}\n\n| start-up | ms | peak MB |\n| --- | --- | --- |")
     print(f"| (the interpreter, and this script) | | {peak_mb():.0f} |")
@@ -173,10 +184,9 @@ def judge(path: Path) -> None:
     begun_s = time.perf_counter()
     recording.check_file(path, Settings())  # by its module, where the clock has taken its place
     all_s = time.perf_counter() - begun_s
-    print("\n| judging | calls | ms | % |\n| --- | --- | --- | --- |")
-    for stage in STAGES:
-        if stage in clock.spent_s:
-            spent_s = clock.spent_s[stage]
+    print("\n| judging, this thread | calls | ms | % |\n| --- | --- | --- | --- |")
+    for stage, spent_s in sorted(clock.spent_s.items(), key=lambda one: -one[1]):
+        if spent_s > all_s / 1000:
             print(f"| {stage} | {clock.calls[stage]} | {spent_s * 1e3:.1f} | {spent_s / all_s * 100:.1f} |")
     print(f"| all | | {all_s * 1e3:.1f} | 100 |\n\npeak {peak_mb():.0f} MB, {path.stat().st_size / 1e6:.1f} MB file")
 
