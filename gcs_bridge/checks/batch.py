@@ -8,6 +8,7 @@ from gcs_bridge.pairing.neighbours import Track
 from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.pairing.references import ImuWithAttitude, VehicleImu
 from gcs_bridge.pairing.steps import Steps
+from gcs_bridge.telemetry.heard import HeardFrames
 from gcs_bridge.telemetry.samples import Ahrs2Samples, AttitudeSamples
 from gcs_bridge.telemetry.statements import Statement, StepSignal
 from gcs_bridge.telemetry.stream_liveness import StreamChange, Timeline
@@ -22,7 +23,7 @@ class CheckBatch:
     rates. `imu`: samples of one inertial sensor. `imu_with_attitude`: those of its samples, of this batch or before,
     whose attitude is known now. `secondary`: of the second estimate. `fixed_wing`, `ardupilot`: 1 or 0 by frame, NaN
     before a heartbeat said so. `stream_changes`: what started, went stale or resumed; `line`: all timed messages.
-    `statements`: what the vehicle said of itself.
+    `heard`: all of the vehicle's frames up to the last of these. `statements`: what the vehicle said of itself.
     """
 
     euler: AttitudeSamples
@@ -37,6 +38,7 @@ class CheckBatch:
     ardupilot: StepSignal
     stream_changes: list[StreamChange]
     line: Timeline
+    heard: HeardFrames
     statements: list[Statement]
 
     def frames(self, first: int, end: int) -> CheckBatch:
@@ -53,6 +55,7 @@ class CheckBatch:
             imu_with_attitude=self.imu_with_attitude.frames(first, end),
             secondary=self.secondary.frames(first, end),
             line=self.line.frames(first, end),
+            heard=self.heard.frames(first, end),
             stream_changes=[change for change in self.stream_changes if first <= change.frame_index < end],
             statements=[say for say in self.statements if first <= say.frame_index < end],
         )

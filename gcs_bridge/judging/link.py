@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.chunks import Chunk, Chunks, Framing
-from gcs_bridge.columns import Int64s
+from gcs_bridge.columns import Int64Rows, Int64s
 from gcs_bridge.contract import readable
 from gcs_bridge.events import Event, Notice, Rank, VehicleLost, VehicleSeen, head, in_order
 from gcs_bridge.judging.observation import Observation, Observer
@@ -21,6 +21,7 @@ from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanned, Scanner
 from gcs_bridge.report import schema
 from gcs_bridge.report.verdicts import worst_verdict
 from gcs_bridge.settings import Settings
+from gcs_bridge.telemetry.clocks import NO_TIMES
 from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
@@ -63,7 +64,7 @@ class LinkVehicle:
         """Judge its share of a batch."""
         heard = self.reader.read(batch, share)
         notices = [
-            *self._turns(heard.frame_index, batch.clock),
+            *self._turns(heard.frame_index, batch.clock, heard.timed),
             *self.judge.take(heard, heard.frame_index, batch.clock),
         ]
         self._show()
@@ -71,7 +72,7 @@ class LinkVehicle:
 
     @property
     def due_us(self) -> int:
-        """The receive time of the link from which on time alone may change something."""
+        """The time on the link, as it is heard, from which on time alone may change something."""
         return min(self._presence.due_us, self.judge.due_us)
 
     def _show(self) -> None:
@@ -86,8 +87,8 @@ class LinkVehicle:
         """Time passed on the link and nothing of this vehicle came."""
         return self._release([*self._turns(_NO_FRAMES, link), *self.judge.advance(link)])
 
-    def _turns(self, frame_indices: Int64s, link: LinkClock) -> Iterator[Notice]:
-        for turn in self._presence.take(frame_indices, link):
+    def _turns(self, frame_indices: Int64s, link: LinkClock, timed: Int64Rows = NO_TIMES) -> Iterator[Notice]:
+        for turn in self._presence.take(frame_indices, link, timed):
             kind = VehicleLost if turn.lost else VehicleSeen
             event = kind(**head(self.reader.vehicle, None, None, turn.t_rx_us))
             yield Notice(turn.frame_index, event, Rank.IDENTITY)
@@ -229,7 +230,7 @@ class Link:
 
     def _pass_time(self, clock: LinkClock) -> Iterator[Notice]:
         """Tell of the deadlines that have passed of vehicles of which nothing came."""
-        due = np.flatnonzero(self._due_us <= clock.latest_rx_us[-1])
+        due = np.flatnonzero(self._due_us <= clock.heard_us[-1])
         if len(due):
             vehicles = list(self._vehicles.values())
             for place in due.tolist():

@@ -32,7 +32,12 @@ from gcs_bridge.telemetry.link_clock import LinkClock
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.stream_liveness import StreamChange
 
-_STREAM_EVENTS = {"started": StreamStarted, "stale": StreamStale, "resumed": StreamResumed}
+_STREAM_EVENTS = {"started": StreamStarted, "stale": StreamStale, "stands": StreamStale, "resumed": StreamResumed}
+_WHY_NOT = {
+    "missing": "{stream} was never received",
+    "stale": "{stream} is silent",
+    "stands": "the clock stands still: {stream} comes with one and the same time",
+}
 
 
 def clock_notice(vehicle: VehicleId, change: ClockChange) -> Notice:
@@ -64,20 +69,19 @@ def stream_changes(
         where = (vehicle, boot.index, change.t_boot_us, t_rx_us - change.ago_us if t_rx_us >= 0 else t_rx_us)
         stream = STREAMS[change.stream]
         had = {check.name for check in checks if boot.has_sources(check)}
-        if change.what == "silent":
-            continue  # it was told as stale
+        if change.what == "paused":
+            continue
         if change.what != "missing":
-            boot.alive[change.stream] = change.what != "stale"
+            boot.alive[change.stream] = not change.is_stale
             notices.append(Notice(change.frame_index, _STREAM_EVENTS[change.what](**head(*where), stream=stream)))
         for check in checks:
             has = boot.has_sources(check)
             if has != (check.name in had) or (change.what == "missing" and not has):
                 signal = Signal.FOUND if has else Signal.LOST
                 signals.append(SignalAt(frame_index=change.frame_index, check=check.name, signal=signal))
-        if change.what in ("missing", "stale") and not boot.no_compare_told:
+        if change.what in _WHY_NOT and not boot.no_compare_told:
             boot.no_compare_told = True
-            silent = "was never received" if change.what == "missing" else "is silent"
-            event = NoCompare(**head(*where, check=name), reason=f"{stream} {silent}")
+            event = NoCompare(**head(*where, check=name), reason=_WHY_NOT[change.what].format(stream=stream))
             notices.append(Notice(change.frame_index, event))
         elif boot.no_compare_told and all(boot.alive):
             boot.no_compare_told = False

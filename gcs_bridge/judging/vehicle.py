@@ -34,13 +34,14 @@ from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.batches import BootSegment, VehicleBatch, no_segment
 from gcs_bridge.telemetry.component import VehicleReader
+from gcs_bridge.telemetry.heard import HeardFrames, no_frames
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
 from gcs_bridge.telemetry.stillness import Stillness
 from gcs_bridge.telemetry.stream_counts import StreamCount
-from gcs_bridge.telemetry.stream_liveness import OTHER, StreamChange, Timeline
+from gcs_bridge.telemetry.stream_liveness import OTHER, Timeline
 
 _FIXED_WING = ("fixed_wing",)  # MAV_TYPE; what hovers too is told by its VTOL types
 _MOST_NEWS = 10_000  # statements that can wait for a message with a time
@@ -71,30 +72,33 @@ class VehicleJudge:
         self._fixed_wing, self._ardupilot = StepSignal(), StepSignal()
         self._streams: dict[str, StreamCount] = {}
         self._verdicts = Verdicts(self._checks, self.alarm_manager, self._expected, self._streams, settings)
+        self._beside = no_frames()  # of the batch, behind its last message with a time so far
         self._latest: list[AttitudeSamples | None] = [None, None]  # what came last of both streams
-        self._heard = StepSignal()  # when any frame of the vehicle came, receive time, µs
 
     def take(self, batch: VehicleBatch, frame_indices: Int64s, link: LinkClock) -> Iterator[Notice]:
         """Judge what a batch brought in the frames `frame_indices`; yield what happened, each with its frame."""
-        self._heard.put(batch.heard, link.latest_rx_us[batch.heard - link.frame_index[0]].astype(np.float64))
         for name, t_rx_us in batch.counted.items():
             self._stream(name).add(t_rx_us)
         self._hear(batch, link)
         for change in batch.clock_changes:
             yield clock_notice(self.vehicle, change)
+        self._beside = batch.heard
         boots = {segment.boot: segment for segment in batch.segments}
         more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
         for index in sorted(boots.keys() | set(np.unique(np.concatenate(more)).tolist())):
             yield from self._take_boot(index, boots.get(index), batch, link)
+        yield from self._hear_more(link)
         yield from self.advance(link)
         last = int(frame_indices[-1])
-        for latest in (self._heard, self._fixed_wing, self._ardupilot, self._stillness, self._trims):
+        for latest in (self._fixed_wing, self._ardupilot, self._stillness, self._trims):
             latest.forget(last)
 
     @property
     def due_us(self) -> int:
-        """The receive time of the link from which on time alone may change something."""
-        return min(self.alarm_manager.due_us, NEVER_US if self._boot is None else self._boot.liveness.due_us)
+        """The time on the link, as it is heard, from which on time alone may change something."""
+        if self.alarm_manager.due_us < NEVER_US:
+            return 0  # shelving ends by receive time: rare, and asked for with each batch
+        return NEVER_US if self._boot is None else self._boot.liveness.due_us
 
     def advance(self, link: LinkClock) -> Iterator[Notice]:
         """Time passed on the link and nothing of this vehicle came."""
@@ -103,25 +107,27 @@ class VehicleJudge:
         yield from self.alarm_manager.pass_time(link)
 
     def _pass_silence(self, boot: Boot, link: LinkClock, until_frame_index: int | None = None) -> Iterator[Notice]:
-        turns = self._heard_on(list(boot.liveness.pass_silence(link, until_frame_index)), link)
+        turns = list(boot.liveness.pass_silence(link, until_frame_index))
         if turns:
             notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link)
             yield from notices
             self.alarm_manager.begin(signals, link)
-            self._stream_check.silent(turns, self.alarm_manager.ballot)
             yield from self.alarm_manager.tell(link)
 
-    def _heard_on(self, turns: list[StreamChange], link: LinkClock) -> list[StreamChange]:
-        """The same without silences of streams in which the whole vehicle was silent."""
-        if all(turn.what != "silent" for turn in turns):
-            return turns
-        limit_us = self._settings.stream.stale_after_s * 1e6
-        heard_us = self._heard.at(np.array([turn.frame_index for turn in turns]))
-        return [
-            turn
-            for turn, last_us in zip(turns, heard_us.tolist(), strict=True)
-            if turn.what != "silent" or link.at(turn.frame_index) - last_us <= limit_us
-        ]
+    def _hear_more(self, link: LinkClock, until_frame_index: int | None = None) -> Iterator[Notice]:
+        """The vehicle's frames behind its last message with a time, before the one that begins another boot, if any."""
+        heard = self._heard_until(until_frame_index)
+        if self._boot is not None and len(heard):
+            self.alarm_manager.begin((), link)
+            self._stream_check.hear(heard, self.alarm_manager.ballot)
+            yield from self.alarm_manager.tell(link)
+
+    def _heard_until(self, frame_index: int | None) -> HeardFrames:
+        """Those of the batch's frames that were not looked at yet, before one of them, or all."""
+        heard = self._beside
+        end = len(heard) if frame_index is None else int(np.searchsorted(heard.frame_index, frame_index))
+        self._beside = heard[end:]
+        return heard[:end]
 
     def entry(self, reader: VehicleReader) -> schema.Vehicle:
         """The vehicle's entry in the report."""
@@ -210,6 +216,7 @@ class VehicleJudge:
                 return  # nothing with a time came of it yet
             if boot is not None:
                 frame_index, t_rx_us = int(segment.frame_index[0]), int(segment.t_rx_us[0])
+                yield from self._hear_more(link, frame_index)
                 yield from self._pass_silence(boot, link, frame_index)
                 yield from self.alarm_manager.end_boot(frame_index, boot.last_us, t_rx_us)
             boot = self._start_boot(segment)
@@ -231,17 +238,19 @@ class VehicleJudge:
         self._trims.follow(corrected)
         aligned = boot.aligner.pair(euler, quaternion, segment.message, None if euler is sent else sent.q_nb)
         self._count(segment, aligned.period_us)
+        rows = segment.frame_index - link.frame_index[0]
         line = Timeline(
             frame_index=segment.frame_index,
             stream=np.minimum(segment.message, OTHER),
             t_boot_us=segment.t_boot_us,
-            t_rx_us=link.latest_rx_us[segment.frame_index - link.frame_index[0]],
+            t_rx_us=link.latest_rx_us[rows],
+            heard_us=link.heard_us[rows],
             period_us=aligned.period_us,
             rx_period_us=aligned.rx_period_us,
             lost=segment.lost,
             received=segment.received,
         )
-        turns = self._heard_on(list(boot.liveness.take(line, link)) if len(segment.message) else [], link)
+        turns = list(boot.liveness.take(line, link)) if len(segment.message) else []
         notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link)
         yield from notices
 
@@ -260,6 +269,7 @@ class VehicleJudge:
             ardupilot=self._ardupilot,
             stream_changes=turns,
             line=line,
+            heard=self._heard_until(until + 1),
             statements=told,
         )
         for reset in boot.resets.take(flight.steps):
@@ -361,7 +371,15 @@ class VehicleJudge:
         for index, samples in enumerate((segment.euler, segment.quaternion)):
             if len(samples):
                 count = self._stream(samples.source)
-                count.add_stream(index, segment.message, segment.t_boot_us, segment.lost, period_us, samples.valid)
+                count.add_stream(
+                    index,
+                    segment.message,
+                    segment.t_boot_us,
+                    segment.t_rx_us,
+                    segment.lost,
+                    period_us,
+                    samples.valid,
+                )
 
 
 def _of_boot(secondary: Ahrs2Samples, boot: Boot) -> Ahrs2Samples:
