@@ -23,6 +23,7 @@ from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings, StreamSettings
 from gcs_bridge.telemetry.heard import HeardFrames
+from gcs_bridge.telemetry.rate_requests import Address, RateChange, RateRequest
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.stream_liveness import OTHER
 
@@ -32,11 +33,12 @@ _HEARD_US = 1_000_000  # of the time between two of the vehicle's messages, what
 _LOSS_MESSAGES = 256  # timed messages over which the loss is taken
 _NEVER = math.log(1e-7)  # probability with which a silence is by chance
 _MOST_PERIODS = 20.0  # that a silence needs, however much was lost
-# So many messages of a transfer, each within so long behind the one before, are one. A radio that takes most of a second
-# there and back brings one item of a mission in that time; single parameters that are told now and then are no transfer.
+# So many messages of a transfer, each within so long behind the one before, are one. A slow radio brings one item of a
+# mission in that time; single parameters that are told now and then are no transfer.
 _TRANSFER, _TRANSFER_GAP_US = 2, 1_500_000
 _FROZEN_SHARE = 0.999  # of the time after which a stream is frozen: with that very sample it is
 
+STANDS = "the clock stands still: samples come with one and the same time"
 _ALARMS = 4  # of each stream, in this order
 _SILENT, _FROZEN, _INVALID, _SLOW = range(_ALARMS)
 
@@ -299,9 +301,7 @@ def follow(
     n = frames = asked = 0
     while n < messages.t_us.size or frames < heard.frame_index.size:
         is_timed = n < messages.t_us.size
-        if frames < heard.frame_index.size and (
-            not is_timed or heard.frame_index[frames] <= messages.frame_index[n]
-        ):
+        if frames < heard.frame_index.size and (not is_timed or heard.frame_index[frames] <= messages.frame_index[n]):
             frame_index = heard.frame_index[frames]
             while asked < requests.frame_index.size and requests.frame_index[asked] < frame_index:
                 _take_request(streams[requests.stream[asked]], vehicle, requests.rate_hz[asked])
@@ -396,6 +396,9 @@ class StreamCheck(Check):
         self._settings = settings
         self._delays = delays
         self._at_once = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=0.0)
+        self._pauses = self._paused_us = 0  # of the receiver
+        self._stood = False  # whether the clock stood still
+        self._at_odds: set[tuple[Address, Address]] = set()  # stations that undo each other's rates
         self._alarms = tuple(self._alarms_of(name) for name in STREAMS)
         self.alarm_specs = tuple(spec for alarms in self._alarms for spec in alarms)
         self._start()
@@ -449,19 +452,48 @@ class StreamCheck(Check):
             euler_q_nb=euler.q_nb,
             quaternion_q_nb=quaternion.q_nb,
         )
-        self._follow(messages, batch.heard, ballot)
+        for turn in batch.stream_changes:
+            if turn.what == "paused":
+                self._pauses += 1
+                self._paused_us += turn.silent_us
+            self._stood |= turn.what == "stands"
+        self._follow(messages, batch.heard, batch.wishes, ballot)
 
-    def hear(self, heard: HeardFrames, ballot: Ballot) -> None:
+    def hear(self, heard: HeardFrames, wishes: list[RateRequest], ballot: Ballot) -> None:
         """Take frames behind the last message with a time."""
-        self._follow(_NO_MESSAGES, heard, ballot)
+        self._follow(_NO_MESSAGES, heard, wishes, ballot)
 
-    def _follow(self, messages: Messages, heard: HeardFrames, ballot: Ballot) -> None:
+    def hear_wish(self, change: RateChange) -> None:
+        """Take who asked for which rate, for the report."""
+        if change.undo_each_other and change.request.by is not None and change.instead_of is not None:
+            one, other = sorted((change.request.by, change.instead_of))
+            self._at_odds.add((one, other))
+
+    @property
+    def tells(self) -> bool:
+        """Whether the samples have times of their own to judge them by."""
+        return not self._stood or self.judged_us > 0
+
+    @property
+    def remark(self) -> str | None:
+        """What is no fault of the streams, and is behind what they do."""
+        said = [STANDS] if self._stood and self.tells else []
+        if self._pauses:
+            times = "once" if self._pauses == 1 else f"{self._pauses} times"
+            said.append(f"the receiver paused {times}, {self._paused_us * 1e-6:.1f} s in all")
+        said += [
+            f"{one[0]},{one[1]} and {other[0]},{other[1]} undo each other's rates"
+            for one, other in sorted(self._at_odds)
+        ]
+        return "; ".join(said) or None
+
+    def _follow(self, messages: Messages, heard: HeardFrames, wishes: list[RateRequest], ballot: Ballot) -> None:
         n = len(messages.t_us)
         if n or len(heard):
             follow(
                 messages,
                 Frames(heard.frame_index, heard.heard_us, heard.transfer, heard.restarting),
-                _NO_REQUESTS,
+                _requests(wishes) if wishes else _NO_REQUESTS,
                 self._streams,
                 self._vehicle,
                 self._places(ballot),
@@ -472,7 +504,18 @@ class StreamCheck(Check):
 
     def why_not(self) -> str:
         """Why nothing was judged."""
-        return "neither ATTITUDE nor ATTITUDE_QUATERNION was received"
+        return STANDS if self._stood else "neither ATTITUDE nor ATTITUDE_QUATERNION was received"
+
+
+def _requests(wishes: list[RateRequest]) -> Requests:
+    """Of each stream that was meant."""
+    rows = [
+        (wish.frame_index, stream, math.nan if wish.rate_hz is None else wish.rate_hz)
+        for wish in wishes
+        for stream in wish.streams
+    ]
+    frame_index, stream, rate_hz = zip(*rows, strict=True)
+    return Requests(np.array(frame_index, np.int64), np.array(stream, np.int64), np.array(rate_hz, np.float64))
 
 
 _NONE = np.empty(0, np.int64)

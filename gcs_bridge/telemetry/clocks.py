@@ -5,8 +5,8 @@ few seconds where frames were reordered. Every rule looks at what came before an
 recording, in pieces of any size, give the same times.
 
 What comes late of the boot before, as from a buffer that is sent beside what is new, is no boot of its own, and is not
-used. A vehicle that has restarted and sends no attitude yet is known by what else it sends: times of other messages that
-went with its clock before, or a sequence that begins anew.
+used. A vehicle that has restarted and sends no attitude yet is known by what else it sends: times of other messages
+that went with its clock before, or a sequence that begins anew.
 """
 
 from __future__ import annotations
@@ -101,8 +101,8 @@ class TimedMessages(NamedTuple):
     `columns` (8, n): FRAME_INDEX of the frame by which its time was believed; MESSAGE, index into TIMED; ROW of its own
     frame in the batch, −1 where it came with a batch before: its payload is `held`; BOOT, T_BOOT_US, T_RX_US; LOST,
     RECEIVED frames of the vehicle so far. `in_window` (n,). `restarting` (k,) of all of the vehicle's frames whether it
-    may have restarted before, and nothing has told its time since. `before`: boot and boot time of the last one before these,
-    time −1 if there is none.
+    may have restarted before, and nothing has told its time since. `before`: boot and boot time of the last one before
+    these, time −1 if there is none.
     """
 
     columns: Int64s
@@ -340,9 +340,7 @@ def _follow(
                             changes, n_changes, first + row, frame.t_rx_us, state.boot, said, own_us, own_us - before_us
                         )
                     inside[n] = in_window[row]
-                    _believe(
-                        timed, n, first + row, OTHER, row, state.boot, own_us, frame.t_rx_us, frame.lost, received
-                    )
+                    _believe(timed, n, first + row, OTHER, row, state.boot, own_us, frame.t_rx_us, frame.lost, received)
                     n += 1
             restarting[i - start] = state.restarting
             continue
@@ -444,11 +442,12 @@ def _time_offsets(dialect: Dialect) -> Int64s:
 @cache
 def _other_times(dialect: Dialect) -> OtherTimes:
     """Of all messages with `time_boot_ms` or `time_usec`, but those that keep the clock."""
-    rows = []
-    for field, scale in (("time_boot_ms", 1000), ("time_usec", 1)):
-        for name in dialect.with_field(field):
-            if name not in TIMED:
-                rows.append((dialect[name].msgid, *place_of(dialect[name], field), scale))
+    rows = [
+        (dialect[name].msgid, *place_of(dialect[name], field), scale)
+        for field, scale in (("time_boot_ms", 1000), ("time_usec", 1))
+        for name in dialect.with_field(field)
+        if name not in TIMED
+    ]
     ids, *columns = np.array(rows, np.int64).reshape(-1, 4).T.copy()
     row_of_id = np.full(len(dialect.tables.row_of_id), -1, np.int64)
     row_of_id[ids] = np.arange(len(ids))

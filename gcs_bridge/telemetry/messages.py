@@ -21,8 +21,8 @@ STATEMENTS = (
     "ESTIMATOR_STATUS",
     "ODOMETRY",
 )
-# What a vehicle sends of a transfer; parameters, which are read too, have their own kind. Logs that are streamed through
-# a whole flight (LOGGING_DATA, REMOTE_LOG_DATA_BLOCK) are none: they would excuse every silence.
+# What a vehicle sends of a transfer; parameters, which are read too, have their own kind. Logs that are streamed all
+# through a flight (LOGGING_DATA, REMOTE_LOG_DATA_BLOCK) are none: they would excuse every silence.
 TRANSFERS = (
     "MISSION_COUNT",
     "MISSION_ITEM",
@@ -37,7 +37,14 @@ TRANSFERS = (
     "PARAM_EXT_VALUE",
 )
 REQUESTS = ("REQUEST_DATA_STREAM", "COMMAND_LONG", "COMMAND_INT", "PARAM_SET")  # by which rates are asked for
-USED = (*TIMED, *(name for name in IMU_MESSAGES if name not in TIMED), AHRS2, "LOCAL_POSITION_NED", *STATEMENTS, *REQUESTS)
+USED = (
+    *TIMED,
+    *(name for name in IMU_MESSAGES if name not in TIMED),
+    AHRS2,
+    "LOCAL_POSITION_NED",
+    *STATEMENTS,
+    *REQUESTS,
+)
 KIND = {name: kind for kind, name in enumerate(USED)}
 TRANSFER = len(USED)  # the kind of all of TRANSFERS
 OTHER = len(USED) + 1  # the kind of all other messages

@@ -140,8 +140,8 @@ class StreamCount:
     ) -> None:
         """Count those of timed messages (n,) that are of `stream`, and what is missing between them.
 
-        By their times, their receive times, the vehicle's frames that were lost so far, and the period as known then (−1: not); `valid` (k,)
-        of the k that are of the stream.
+        By their times, their receive times, the vehicle's frames that were lost so far, and the period as known then
+        (−1: not); `valid` (k,) of the k that are of the stream.
         """
         _count_stream(self._count, stream, message, t_us, t_rx_us, frames_lost, period_us, valid)
 

@@ -60,8 +60,8 @@ class Timeline(FrameColumns):
     """A vehicle's timed messages within one boot, in order of arrival; n of them.
 
     `stream` (n,) 0 ATTITUDE, 1 ATTITUDE_QUATERNION, 2 any other; `t_boot_us` (n,); `t_rx_us`, `heard_us` (n,) by the
-    link's clock, the former −1 where unknown; `period_us`, `rx_period_us` (n,) of the message's stream as known by then, −1 where not; `lost`,
-    `received` (n,) frames of the vehicle so far.
+    link's clock, the former −1 where unknown; `period_us`, `rx_period_us` (n,) of the message's stream as known by
+    then, −1 where not; `lost`, `received` (n,) frames of the vehicle so far.
     """
 
     stream: Int64s
@@ -79,7 +79,9 @@ class StreamChange(NamedTuple):
 
     frame_index: int
     stream: int
-    what: str  # "started", "stale", "resumed"; "missing": it never came at all; "stands": it is stale as its time stands
+    what: (
+        str  # "started", "stale", "resumed"; "missing": it never came at all; "stands": it is stale as its time stands
+    )
     t_boot_us: int  # still; "paused": of no stream, the receiver did not listen
     ago_us: int = 0  # how long before that frame it was
     silent_us: int = 0  # of a stale one: since its last sample; how long the receiver paused

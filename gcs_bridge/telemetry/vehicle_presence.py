@@ -140,9 +140,7 @@ class Presence:
         rx_us, heard_us, lost = (int(self._state[name][0]) for name in ("rx_us", "heard_us", "lost"))
         return NEVER_US if rx_us < 0 or lost else heard_us + LOST_AFTER_US + 1
 
-    def take(
-        self, frame_indices: Int64s, link: LinkClock, timed: Int64Rows = NO_TIMES
-    ) -> Iterator[PresenceChange]:
+    def take(self, frame_indices: Int64s, link: LinkClock, timed: Int64Rows = NO_TIMES) -> Iterator[PresenceChange]:
         """Follow the next frames of the link, of which `frame_indices` are the vehicle's; yield each change.
 
         `timed`: columns of its `TimedMessages` that were believed with these frames.
