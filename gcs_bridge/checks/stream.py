@@ -2,8 +2,8 @@
 
 A silence is counted in time in which the vehicle was heard, whatever message it was heard by: on its boot clock where
 that is told, else on the link's clock. It counts from the last sample, or from the last message of a transfer, which
-slows streams or stops them. What somebody asked for is no fault: a rate that was asked for is the usual one from then
-on, and a stream that was switched off may be silent.
+slows streams or stops them. A rate that somebody asked for is the usual one from then on. A stream that was switched
+off is silent all the same, whoever wanted it.
 """
 
 from __future__ import annotations
@@ -70,7 +70,6 @@ _STREAM = np.dtype(
         # What was asked for.
         ("asked_count", "f8"),  # samples in a window, 0: nothing less than was usual then
         ("asked_period_us", "f8"),  # 0: it is not known
-        ("off", "i8"),  # whether it was switched off
     ]
 )
 _VEHICLE = np.dtype(
@@ -124,7 +123,7 @@ class Frames(NamedTuple):
 
 
 class Requests(NamedTuple):
-    """Rates (n,) that were asked for of a stream, 0: none at all, NaN: not known; `frame_index` of the request."""
+    """Rates (n,) that were asked for of a stream, 0: an end of it, NaN: not known; `frame_index` of the request."""
 
     frame_index: Int64s
     stream: Int64s
@@ -186,7 +185,7 @@ def _follow_loss(vehicle, lost, received):  # type: ignore[no-untyped-def]  # ty
 @helper
 def _silent_s(stream, vehicle):  # type: ignore[no-untyped-def]  # typed by numba
     """For how long the stream has been silent, in time in which the vehicle was heard."""
-    if stream.frame_index < 0 or stream.period_us < 0 or stream.off:
+    if stream.frame_index < 0 or stream.period_us < 0:
         return 0.0
     return max(vehicle.heard_us + vehicle.beside_us - stream.heard_us, 0) * 1e-6
 
@@ -212,7 +211,6 @@ def _take_request(stream, vehicle, rate_hz):  # type: ignore[no-untyped-def]  # 
     asked = rate_hz * vehicle.slow_after_us * 1e-6
     stream.asked_count = asked if 0.0 < asked < usual else 0.0
     stream.asked_period_us = 1e6 / rate_hz if rate_hz > 0.0 else 0.0
-    stream.off = rate_hz == 0.0
     stream.windows = stream.count = stream.silent = 0
     stream.window_us, stream.slowed = stream.latest_us, _is_slowed(vehicle)
 
@@ -328,8 +326,11 @@ def follow(
 
 @helper
 def _find_silence(streams, vehicle):  # type: ignore[no-untyped-def]  # typed by numba
-    """Put down silences that are too long, with a frame that carries no time: it shows nothing else."""
-    if vehicle.restarting:
+    """Put down silences that are too long, with a frame that carries no time: it shows nothing else.
+
+    Only where none that carries a time has come for as long as that may take: it tells more.
+    """
+    if vehicle.restarting or vehicle.beside_us <= _HEARD_US:
         return
     for stream in streams:
         if _is_silent(stream, vehicle):

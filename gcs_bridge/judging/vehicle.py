@@ -95,7 +95,7 @@ class VehicleJudge:
         self._beside = batch.heard
         boots = {segment.boot: segment for segment in batch.segments}
         more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
-        starts = {change.boot: change for change in batch.clock_changes if change.kind == "reboot"}
+        starts = {change.boot: change for change in batch.clock_changes if change.t_boot_us < 0}
         for index in sorted(boots.keys() | starts.keys() | set(np.unique(np.concatenate(more)).tolist())):
             yield from self._take_boot(index, boots.get(index), batch, link, starts.get(index))
         yield from self._hear_more(link)
@@ -247,13 +247,13 @@ class VehicleJudge:
         link: LinkClock,
         start: ClockChange | None = None,
     ) -> Iterator[Notice]:
-        """Judge what came of one boot, which began with `start` where the batch shows that."""
+        """Judge what came of one boot; `start`: it began before anything told its time."""
         boot = self._boot
         if boot is None or boot.index != index:
-            if segment is not None:
-                first = int(segment.frame_index[0]), int(segment.t_boot_us[0]), int(segment.t_rx_us[0])
-            elif start is not None:
+            if start is not None:
                 first = start.frame_index, start.t_boot_us, start.t_rx_us
+            elif segment is not None:
+                first = int(segment.frame_index[0]), int(segment.t_boot_us[0]), int(segment.t_rx_us[0])
             else:
                 return  # nothing of it came yet that tells that it began
             if boot is not None:

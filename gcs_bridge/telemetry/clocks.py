@@ -235,7 +235,7 @@ def _read_time(clock, message, ms, rx_us):  # type: ignore[no-untyped-def]  # ty
     t_us = own_us + clock.epoch_us
     latest_us = clock.latest_us if clock.latest_us >= 0 else t_us
     if _goes_on(clock, t_us - latest_us, rx_us - clock.rx_us):
-        clock.latest_us, clock.rx_us = max(latest_us, t_us), rx_us
+        clock.latest_us, clock.rx_us, clock.earlier_run_us = max(latest_us, t_us), rx_us, -1
         return _GOES_ON, t_us, t_us - latest_us, 0
     elapsed_us = rx_us - clock.rx_us if rx_us >= 0 and clock.rx_us >= 0 else 0
     furthest_us = max(JUMP_US, 2 * elapsed_us)
