@@ -126,10 +126,29 @@ class StreamResumed(StreamEvent, frozen=True, kw_only=True, tag="stream_resumed"
     """Messages come again."""
 
 
+class RateRequested(Event, frozen=True, kw_only=True, tag="rate_requested"):
+    """Somebody asked for another rate of attitudes than was asked for last; it is the usual one from here on."""
+
+    streams: Annotated[tuple[str, ...], Meta(description="names of the messages")]
+    rate_hz: Annotated[float | None, Meta(description="0: none at all; null: the vehicle's own")]
+    by: Annotated[tuple[int, int] | None, Meta(description="system and component; null: it was not seen who")]
+    how: Annotated[str, Meta(description="message, command or parameter by which it was asked for")]
+    instead_of: Annotated[tuple[int, int] | None, Meta(description="another station that had asked for another rate")]
+    undo_each_other: Annotated[bool, Meta(description="whether these two stations undo each other's wishes")]
+    reason: Annotated[str, Meta(description="the same in words")]
+
+
+class ReceiverPaused(Event, frozen=True, kw_only=True, tag="receiver_paused"):
+    """The receiver did not listen for a time, or its clock was set forward: less time passed on the vehicles."""
+
+    pause_s: Annotated[float, Meta(description="how much less, s")]
+    reason: Annotated[str, Meta(description="the same in words")]
+
+
 class ClockEvent(Event, frozen=True, kw_only=True):
     """The boot clock did something else than go on."""
 
-    step_s: Annotated[float, Meta(description="how far the clock stepped, s")]
+    step_s: Annotated[float | None, Meta(description="how far the clock stepped, s; null: no time was told since")]
 
 
 class Reboot(ClockEvent, frozen=True, kw_only=True, tag="reboot"):
@@ -231,6 +250,8 @@ AnyEvent = (
     | StreamStarted
     | StreamStale
     | StreamResumed
+    | RateRequested
+    | ReceiverPaused
     | Reboot
     | ClockStep
     | EstimatorReset

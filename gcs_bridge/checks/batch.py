@@ -9,6 +9,8 @@ from gcs_bridge.pairing.neighbours import Track
 from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.pairing.references import ImuWithAttitude, VehicleImu
 from gcs_bridge.pairing.steps import Steps
+from gcs_bridge.telemetry.heard import HeardFrames
+from gcs_bridge.telemetry.rate_requests import RateRequest
 from gcs_bridge.telemetry.samples import Ahrs2Samples, AttitudeSamples
 from gcs_bridge.telemetry.statements import Statement, StepSignal
 from gcs_bridge.telemetry.stream_liveness import StreamChange, Timeline
@@ -23,7 +25,8 @@ class CheckBatch:
     rates. `imu`: samples of one inertial sensor. `imu_with_attitude`: those of its samples, of this batch or before,
     whose attitude is known now. `secondary`: of the second estimate. `fixed_wing`, `ardupilot`: 1 or 0 by frame, NaN
     before a heartbeat said so. `stream_changes`: what started, went stale or resumed; `line`: all timed messages.
-    `statements`: what the vehicle said of itself.
+    `heard`: all of the vehicle's frames up to the last of these. `wishes`: rates that were asked for. `statements`:
+    what the vehicle said of itself.
     """
 
     euler: AttitudeSamples
@@ -38,6 +41,8 @@ class CheckBatch:
     ardupilot: StepSignal
     stream_changes: list[StreamChange]
     line: Timeline
+    heard: HeardFrames
+    wishes: list[RateRequest]
     statements: list[Statement]
 
     def frames(self, first: int, end: int) -> CheckBatch:
@@ -54,6 +59,8 @@ class CheckBatch:
             imu_with_attitude=self.imu_with_attitude.frames(first, end),
             secondary=self.secondary.frames(first, end),
             line=self.line.frames(first, end),
+            heard=self.heard.frames(first, end),
+            wishes=[one for one in self.wishes if first <= one.frame_index < end],
             stream_changes=[change for change in self.stream_changes if first <= change.frame_index < end],
             statements=[say for say in self.statements if first <= say.frame_index < end],
         )

@@ -18,11 +18,12 @@ class Boot:
     """What is followed within one boot of the vehicle."""
 
     def __init__(self, index: int, frame_index: int, t_boot_us: int, t_rx_us: int, settings: Settings) -> None:
-        """Start with the boot's first message: the frame and its times."""
+        """Start with the boot's first message: the frame and its times; boot time −1: not told yet."""
         self.index = index
         self.frame_index = frame_index
-        self.first_us = self.last_us = t_boot_us
-        self.start_rx_us = t_rx_us - t_boot_us if t_rx_us >= 0 else -1
+        self.first_us = self.last_us = -1
+        self.start_rx_us = -1
+        self.begin_clock(t_boot_us, t_rx_us)
         self.aligner = Aligner(settings.alignment, settings.reset)
         self.liveness = Liveness(settings.stream)
         self.resets = Resets()
@@ -32,6 +33,12 @@ class Boot:
         self.references = References(settings.alignment)
         self.alive = [False, False]  # the two streams
         self.no_compare_told = False
+
+    def begin_clock(self, t_boot_us: int, t_rx_us: int) -> None:
+        """Take the first time that was told within it."""
+        if self.first_us < 0 <= t_boot_us:
+            self.first_us = self.last_us = t_boot_us
+            self.start_rx_us = t_rx_us - t_boot_us if t_rx_us >= 0 else -1
 
     def has_sources(self, check: Check) -> bool:
         """Whether the streams come that a check needs."""
@@ -43,7 +50,7 @@ class Boot:
         """The boot's entry in the report."""
         return schema.Boot(
             index=self.index,
-            first_boot_s=self.first_us / 1e6,
-            last_boot_s=self.last_us / 1e6,
+            first_boot_s=self.first_us / 1e6 if self.first_us >= 0 else None,
+            last_boot_s=self.last_us / 1e6 if self.last_us >= 0 else None,
             start_utc=utc(self.start_rx_us),
         )

@@ -9,9 +9,9 @@ import numpy as np
 
 from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.chunks import Chunk, Chunks, Framing
-from gcs_bridge.columns import Int64s, record
+from gcs_bridge.columns import Int64Rows, Int64s, record
 from gcs_bridge.contract import readable
-from gcs_bridge.events import Event, Notice, Rank, VehicleLost, VehicleSeen, head, in_order
+from gcs_bridge.events import Event, Notice, Rank, ReceiverPaused, VehicleLost, VehicleSeen, head, in_order
 from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.snapshot import LinkNow, VehicleNow
 from gcs_bridge.judging.vehicle import VehicleJudge
@@ -20,9 +20,11 @@ from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
 from gcs_bridge.report import schema
 from gcs_bridge.report.verdicts import worst_verdict
 from gcs_bridge.settings import Settings
+from gcs_bridge.telemetry.clocks import NO_TIMES
 from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
+from gcs_bridge.telemetry.rate_requests import RateRequest, asks, rate_requests
 from gcs_bridge.telemetry.sorting import FrameSorter, Share, SortedFrames
 from gcs_bridge.telemetry.vehicle_presence import Presence
 
@@ -63,22 +65,37 @@ class LinkVehicle:
         self.reader = VehicleReader(vehicle, judged.dialect, judged.settings.vehicle)
         self.judge = VehicleJudge(vehicle, judged.settings, self._observed.append if judged.observer else None)
         self._presence = Presence()
+        self._first_frame_index: int | None = None
         self._seen = False
         self._held: list[Notice] = []  # until it is known to be one
 
-    def take(self, batch: SortedFrames, share: Share) -> list[Notice]:
-        """Judge its share of a batch."""
+    def take(self, batch: SortedFrames, share: Share, requests: Sequence[RateRequest] = ()) -> list[Notice]:
+        """Judge its share of a batch, and what others asked of it meanwhile."""
+        if self._first_frame_index is None:
+            self._first_frame_index = int(batch.frame_indices(share)[0])
         heard = self.reader.read(batch, share)
         notices = [
-            *self._turns(heard.frame_index, batch.clock),
-            *self.judge.take(heard, heard.frame_index, batch.clock),
+            *self._turns(heard.frame_index, batch.clock, heard.timed),
+            *self.judge.take(heard, heard.frame_index, batch.clock, self._of(requests)),
         ]
         self._show()
         return self._release(notices)
 
+    def ask(self, requests: Sequence[RateRequest]) -> list[Notice]:
+        """Others asked for rates, in a batch that brought nothing of this vehicle."""
+        return self._release([*self.judge.ask(self._of(requests))])
+
+    def _of(self, requests: Sequence[RateRequest]) -> Sequence[RateRequest]:
+        """Those that are meant for it, and came when it was there."""
+        since = self._first_frame_index
+        if not requests or since is None:
+            return ()
+        address = self.reader.vehicle.address
+        return [one for one in requests if one.is_for(address) and one.by != address and one.frame_index > since]
+
     @property
     def due_us(self) -> int:
-        """The receive time of the link from which on time alone may change something."""
+        """The time on the link, as it is heard, from which on time alone may change something."""
         return min(self._presence.due_us, self.judge.due_us)
 
     def _show(self) -> None:
@@ -93,8 +110,8 @@ class LinkVehicle:
         """Time passed on the link and nothing of this vehicle came."""
         return self._release([*self._turns(_NO_FRAMES, link), *self.judge.advance(link)])
 
-    def _turns(self, frame_indices: Int64s, link: LinkClock) -> Iterator[Notice]:
-        for turn in self._presence.take(frame_indices, link):
+    def _turns(self, frame_indices: Int64s, link: LinkClock, timed: Int64Rows = NO_TIMES) -> Iterator[Notice]:
+        for turn in self._presence.take(frame_indices, link, timed):
             kind = VehicleLost if turn.lost else VehicleSeen
             event = kind(**head(self.reader.vehicle, None, None, turn.t_rx_us))
             yield Notice(turn.frame_index, event, Rank.IDENTITY)
@@ -135,6 +152,7 @@ class Link:
         self.is_open = True
         self._sorter = FrameSorter(judged.dialect, judged.sysid, judged.window_s)
         self._vehicles: dict[tuple[int, int], LinkVehicle] = {}
+        self._paused_us = -1  # until when the last pause of the receiver was that was told of
         self._due_us = np.empty(0, np.int64)  # of each of them, when time alone may change something
 
     @property
@@ -227,16 +245,40 @@ class Link:
             vehicles=tuple(vehicles),
         )
 
-    def _judge(self, batch: SortedFrames) -> Iterator[Notice]:
+    def _judge(self, batch: SortedFrames) -> list[Notice]:
+        return self._tell_pauses_once(list(self._judge_batch(batch)), batch.clock)
+
+    def _tell_pauses_once(self, notices: list[Notice], clock: LinkClock) -> list[Notice]:
+        """Of the vehicles that show that the receiver paused, the first one alone is told of."""
+        pauses = [one for one in notices if isinstance(one.event, ReceiverPaused)]
+        for one in in_order(pauses):
+            assert isinstance(one.event, ReceiverPaused)
+            at_us = clock.at(one.frame_index) if one.frame_index >= clock.frame_index[0] else self._paused_us
+            if at_us - one.event.pause_s * 1e6 < self._paused_us:
+                notices.remove(one)
+            self._paused_us = max(self._paused_us, at_us)
+        return notices
+
+    def _judge_batch(self, batch: SortedFrames) -> Iterator[Notice]:
+        requests = [one for share in batch.shares if asks(share) for one in self._requests_of(batch, share)]
+        if requests:
+            requests.sort(key=lambda one: one.frame_index)
+            there = {share.address for share in batch.shares}
+            for address, vehicle in self._vehicles.items():
+                if address not in there:
+                    yield from vehicle.ask(requests)
         for share in batch.shares:
             vehicle = self._vehicles.get(share.address) or self._new_vehicle(share.address)
-            yield from vehicle.take(batch, share)
+            yield from vehicle.take(batch, share, requests)
             self._due_us[vehicle.place] = vehicle.due_us
         yield from self._pass_time(batch.clock)
 
+    def _requests_of(self, batch: SortedFrames, share: Share) -> list[RateRequest]:
+        return rate_requests(batch, share, self._judged.dialect)
+
     def _pass_time(self, clock: LinkClock) -> Iterator[Notice]:
         """Tell of the deadlines that have passed of vehicles of which nothing came."""
-        due = np.flatnonzero(self._due_us <= clock.latest_rx_us[-1])
+        due = np.flatnonzero(self._due_us <= clock.heard_us[-1])
         if len(due):
             vehicles = list(self._vehicles.values())
             for place in due.tolist():

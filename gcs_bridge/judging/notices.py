@@ -9,6 +9,7 @@ from gcs_bridge.alarms.manager import SignalAt
 from gcs_bridge.alarms.state import Signal
 from gcs_bridge.checks.base import Check
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
+from gcs_bridge.checks.stream import StreamCheck
 from gcs_bridge.contract import known
 from gcs_bridge.events import (
     ClockStep,
@@ -19,7 +20,9 @@ from gcs_bridge.events import (
     NoCompare,
     Notice,
     Rank,
+    RateRequested,
     Reboot,
+    ReceiverPaused,
     StreamResumed,
     StreamStale,
     StreamStarted,
@@ -31,17 +34,63 @@ from gcs_bridge.report import schema
 from gcs_bridge.telemetry.clocks import ClockChange
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
+from gcs_bridge.telemetry.rate_requests import RateChange
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.stream_liveness import StreamChange
 
-_STREAM_EVENTS = {"started": StreamStarted, "stale": StreamStale, "resumed": StreamResumed}
+_STREAM_EVENTS = {"started": StreamStarted, "stale": StreamStale, "stands": StreamStale, "resumed": StreamResumed}
+_WHY_NOT = {
+    "missing": "{stream} was never received",
+    "stale": "{stream} is silent",
+    "stands": "the clock stands still: {stream} comes with one and the same time",
+}
 
 
 def clock_notice(vehicle: VehicleId, change: ClockChange) -> Notice:
     """The vehicle's clock did something else than go on."""
     kind = Reboot if change.kind == "reboot" else ClockStep
-    where = head(vehicle, change.boot, change.t_boot_us, change.t_rx_us)
-    return Notice(change.frame_index, kind(**where, step_s=change.step_us / 1e6), Rank.CLOCK)
+    known = change.t_boot_us >= 0
+    where = head(vehicle, change.boot, change.t_boot_us if known else None, change.t_rx_us)
+    return Notice(change.frame_index, kind(**where, step_s=change.step_us / 1e6 if known else None), Rank.CLOCK)
+
+
+def pause_notice(vehicle: VehicleId, change: StreamChange, link: LinkClock) -> Notice:
+    """The receiver did not listen for a time: it is nobody's but the link's."""
+    where = head(vehicle, None, None, link.at(change.frame_index), StreamCheck.name)
+    where["vehicle"] = None
+    pause_s = change.silent_us / 1e6
+    reason = f"the receiver paused for {pause_s:.1f} s, or its clock was set forward: less time passed on the vehicles"
+    return Notice(change.frame_index, ReceiverPaused(**where, pause_s=pause_s, reason=reason), Rank.CLOCK)
+
+
+def rate_notice(vehicle: VehicleId, change: RateChange) -> Notice:
+    """Somebody asked for another rate of the streams."""
+    request = change.request
+    streams = tuple(STREAMS[stream] for stream in request.streams)
+    event = RateRequested(
+        **head(vehicle, None, None, request.t_rx_us, StreamCheck.name),
+        streams=streams,
+        rate_hz=request.rate_hz,
+        by=request.by,
+        how=request.how,
+        instead_of=change.instead_of,
+        undo_each_other=change.undo_each_other,
+        reason=rate_words(change),
+    )
+    return Notice(request.frame_index, event)
+
+
+def rate_words(change: RateChange) -> str:
+    """Who asked for what, and against whom."""
+    request = change.request
+    who = "somebody who is not heard here" if request.by is None else "{},{}".format(*request.by)
+    rate = {None: "the vehicle's own rate", 0.0: "an end"}.get(request.rate_hz, f"{request.rate_hz or 0.0:g} Hz")
+    said = f"{who} asked for {rate} of {' and '.join(STREAMS[one] for one in request.streams)}, by {request.how}"
+    if change.instead_of is None:
+        return said
+    return said + ", {} {},{} had asked for".format(
+        "and undoes again what" if change.undo_each_other else "instead of what", *change.instead_of
+    )
 
 
 def reset_notice(vehicle: VehicleId, boot: int, reset: Reset, t_rx_us: int, said: Iterable[str]) -> Notice:
@@ -72,20 +121,20 @@ def stream_changes(
         where = (vehicle, boot.index, change.t_boot_us, t_rx_us - change.ago_us if t_rx_us >= 0 else t_rx_us)
         stream = STREAMS[change.stream]
         had = {check.name for check in checks if boot.has_sources(check)}
-        if change.what == "silent":
-            continue  # it was told as stale
+        if change.what == "paused":
+            notices.append(pause_notice(vehicle, change, link))
+            continue
         if change.what != "missing":
-            boot.alive[change.stream] = change.what != "stale"
+            boot.alive[change.stream] = not change.is_stale
             notices.append(Notice(change.frame_index, _STREAM_EVENTS[change.what](**head(*where), stream=stream)))
         for check in checks:
             has = boot.has_sources(check)
             if has != (check.name in had) or (change.what == "missing" and not has):
                 signal = Signal.FOUND if has else Signal.LOST
                 signals.append(SignalAt(frame_index=change.frame_index, check=check.name, signal=signal))
-        if change.what in ("missing", "stale") and not boot.no_compare_told:
+        if change.what in _WHY_NOT and not boot.no_compare_told:
             boot.no_compare_told = True
-            silent = "was never received" if change.what == "missing" else "is silent"
-            event = NoCompare(**head(*where, check=name), reason=f"{stream} {silent}")
+            event = NoCompare(**head(*where, check=name), reason=_WHY_NOT[change.what].format(stream=stream))
             notices.append(Notice(change.frame_index, event))
         elif boot.no_compare_told and all(boot.alive):
             boot.no_compare_told = False

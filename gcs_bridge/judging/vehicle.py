@@ -5,7 +5,7 @@ Knows neither the link nor other vehicles.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -27,7 +27,14 @@ from gcs_bridge.expected.trims import TrimsInForce
 from gcs_bridge.judging.boot import Boot
 from gcs_bridge.judging.diagnosis_cases import SentBatch
 from gcs_bridge.judging.estimator_resets import Statements
-from gcs_bridge.judging.notices import breaks, clock_notice, reset_entry, reset_notice, stream_changes
+from gcs_bridge.judging.notices import (
+    breaks,
+    clock_notice,
+    rate_notice,
+    reset_entry,
+    reset_notice,
+    stream_changes,
+)
 from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.snapshot import AlarmNow, CheckNow, VehicleNow, attitude_now, last_of
 from gcs_bridge.judging.verdicts import Verdicts
@@ -35,14 +42,17 @@ from gcs_bridge.pairing.references import VehicleImu
 from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.batches import BootSegment, VehicleBatch, no_segment
+from gcs_bridge.telemetry.clocks import ClockChange
 from gcs_bridge.telemetry.component import VehicleReader
+from gcs_bridge.telemetry.heard import HeardFrames, no_frames
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
+from gcs_bridge.telemetry.rate_requests import RateRequest, RateWishes
 from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
 from gcs_bridge.telemetry.stillness import Stillness
 from gcs_bridge.telemetry.stream_counts import StreamCount
-from gcs_bridge.telemetry.stream_liveness import OTHER, StreamChange, Timeline
+from gcs_bridge.telemetry.stream_liveness import OTHER, Timeline
 
 _FIXED_WING = ("fixed_wing",)  # MAV_TYPE; what hovers too is told by its VTOL types
 _MANY = 4096  # messages that are worth another thread, which takes 0.1 ms to begin
@@ -76,30 +86,42 @@ class VehicleJudge:
         self._fixed_wing, self._ardupilot = StepSignal(), StepSignal()
         self._streams: dict[str, StreamCount] = {}
         self._verdicts = Verdicts(self._checks, self.alarm_manager, self._expected, self._streams, settings)
+        self._beside = no_frames()  # of the batch, behind its last message with a time so far
+        self._wishes = RateWishes()
+        self._asked: list[RateRequest] = []  # that the checks have not been given yet
         self._latest: list[AttitudeSamples | None] = [None, None]  # what came last of both streams
-        self._heard = StepSignal()  # when any frame of the vehicle came, receive time, µs
 
-    def take(self, batch: VehicleBatch, frame_indices: Int64s, link: LinkClock) -> Iterator[Notice]:
-        """Judge what a batch brought in the frames `frame_indices`; yield what happened, each with its frame."""
-        self._heard.put(batch.heard, link.latest_rx_us[batch.heard - link.frame_index[0]].astype(np.float64))
+    def take(
+        self, batch: VehicleBatch, frame_indices: Int64s, link: LinkClock, requests: Sequence[RateRequest] = ()
+    ) -> Iterator[Notice]:
+        """Judge what a batch brought in the frames `frame_indices`; yield what happened, each with its frame.
+
+        `requests`: for rates, that others made of this vehicle in the batch.
+        """
         for name, t_rx_us in batch.counted.items():
             self._stream(name).add(t_rx_us)
         self._hear(batch, link)
         for change in batch.clock_changes:
             yield clock_notice(self.vehicle, change)
+        yield from self._hear_wishes(batch, requests)
+        self._beside = batch.heard
         boots = {segment.boot: segment for segment in batch.segments}
         more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
-        for index in sorted(set(boots).union(*map(_boots_in, more))):
-            yield from self._take_boot(index, boots.get(index), batch, link)
+        starts = {change.boot: change for change in batch.clock_changes if change.kind == "reboot"}
+        for index in sorted((boots.keys() | starts.keys()).union(*map(_boots_in, more))):
+            yield from self._take_boot(index, boots.get(index), batch, link, starts.get(index))
+        yield from self._hear_more(link)
         yield from self.advance(link)
         last = int(frame_indices[-1])
-        for latest in (self._heard, self._fixed_wing, self._ardupilot, self._stillness, self._trims):
+        for latest in (self._fixed_wing, self._ardupilot, self._stillness, self._trims):
             latest.forget(last)
 
     @property
     def due_us(self) -> int:
-        """The receive time of the link from which on time alone may change something."""
-        return min(self.alarm_manager.due_us, NEVER_US if self._boot is None else self._boot.liveness.due_us)
+        """The time on the link, as it is heard, from which on time alone may change something."""
+        if self.alarm_manager.due_us < NEVER_US:
+            return 0  # shelving ends by receive time: rare, and asked for with each batch
+        return NEVER_US if self._boot is None else self._boot.liveness.due_us
 
     def advance(self, link: LinkClock) -> Iterator[Notice]:
         """Time passed on the link and nothing of this vehicle came."""
@@ -108,25 +130,36 @@ class VehicleJudge:
         yield from self.alarm_manager.pass_time(link)
 
     def _pass_silence(self, boot: Boot, link: LinkClock, until_frame_index: int | None = None) -> Iterator[Notice]:
-        turns = self._heard_on(list(boot.liveness.pass_silence(link, until_frame_index)), link)
+        turns = list(boot.liveness.pass_silence(link, until_frame_index))
         if turns:
             notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link)
             yield from notices
             self.alarm_manager.begin(signals, link)
-            self._stream_check.silent(turns, self.alarm_manager.ballot)
             yield from self.alarm_manager.tell(link)
 
-    def _heard_on(self, turns: list[StreamChange], link: LinkClock) -> list[StreamChange]:
-        """The same without silences of streams in which the whole vehicle was silent."""
-        if all(turn.what != "silent" for turn in turns):
-            return turns
-        limit_us = self._settings.stream.stale_after_s * 1e6
-        heard_us = self._heard.at(np.array([turn.frame_index for turn in turns]))
-        return [
-            turn
-            for turn, last_us in zip(turns, heard_us.tolist(), strict=True)
-            if turn.what != "silent" or link.at(turn.frame_index) - last_us <= limit_us
-        ]
+    def _hear_more(self, link: LinkClock, until_frame_index: int | None = None) -> Iterator[Notice]:
+        """The vehicle's frames behind its last message with a time, before the one that begins another boot, if any."""
+        heard = self._heard_until(until_frame_index)
+        if self._boot is not None and len(heard):
+            self.alarm_manager.begin((), link)
+            wishes = self._wishes_until(int(heard.frame_index[-1]))
+            self._stream_check.hear(heard, wishes, self.alarm_manager.ballot)
+            yield from self.alarm_manager.tell(link)
+
+    def _wishes_until(self, frame_index: int) -> list[RateRequest]:
+        """The requests that were not looked at yet, up to a frame."""
+        if not self._asked:
+            return []
+        told = [one for one in self._asked if one.frame_index <= frame_index]
+        self._asked = [one for one in self._asked if one.frame_index > frame_index]
+        return told
+
+    def _heard_until(self, frame_index: int | None) -> HeardFrames:
+        """Those of the batch's frames that were not looked at yet, before one of them, or all."""
+        heard = self._beside
+        end = len(heard) if frame_index is None else int(np.searchsorted(heard.frame_index, frame_index))
+        self._beside = heard[end:]
+        return heard[:end]
 
     def entry(self, reader: VehicleReader) -> schema.Vehicle:
         """The vehicle's entry in the report."""
@@ -180,7 +213,7 @@ class VehicleJudge:
             type=reader.type,
             verdict=self._verdicts.of_vehicle(verdicts),
             boot=boot.index if boot else None,
-            t_boot_s=boot.last_us / 1e6 if boot else None,
+            t_boot_s=boot.last_us / 1e6 if boot and boot.last_us >= 0 else None,
             age_s=(t_rx_us - heard_us) / 1e6 if heard_us >= 0 else None,
             received=reader.received,
             lost=reader.lost,
@@ -207,22 +240,46 @@ class VehicleJudge:
             self._fixed_wing.put(since, np.array([float(say.type in _FIXED_WING) for say in modes]))
             self._ardupilot.put(since, np.array([float(say.autopilot == "ardupilot") for say in modes]))
 
+    def ask(self, requests: Sequence[RateRequest]) -> Iterator[Notice]:
+        """Others asked for rates, in a batch that brought nothing of this vehicle."""
+        yield from self._hear_wishes(None, requests)
+
+    def _hear_wishes(self, batch: VehicleBatch | None, requests: Sequence[RateRequest]) -> Iterator[Notice]:
+        """Take which rates were asked for, by whom."""
+        told = [] if batch is None else [say for say in batch.statements if isinstance(say, ParameterSet)]
+        if requests or told:
+            for change in self._wishes.take(requests, told):
+                self._asked.append(change.request)
+                self._stream_check.hear_wish(change)
+                yield rate_notice(self.vehicle, change)
+
     def _take_boot(
-        self, index: int, segment: BootSegment | None, batch: VehicleBatch, link: LinkClock
+        self,
+        index: int,
+        segment: BootSegment | None,
+        batch: VehicleBatch,
+        link: LinkClock,
+        start: ClockChange | None = None,
     ) -> Iterator[Notice]:
-        """Judge what came of one boot."""
+        """Judge what came of one boot; `start`: it began before anything told its time."""
         boot = self._boot
         if boot is None or boot.index != index:
-            if segment is None:
-                return  # nothing with a time came of it yet
+            if start is not None:
+                first = start.frame_index, start.t_boot_us, start.t_rx_us
+            elif segment is not None:
+                first = int(segment.frame_index[0]), int(segment.t_boot_us[0]), int(segment.t_rx_us[0])
+            else:
+                return  # nothing of it came yet that tells that it began
             if boot is not None:
-                frame_index, t_rx_us = int(segment.frame_index[0]), int(segment.t_rx_us[0])
+                frame_index, _, t_rx_us = first
+                yield from self._hear_more(link, frame_index)
                 yield from self._pass_silence(boot, link, frame_index)
                 yield from self.alarm_manager.end_boot(frame_index, boot.last_us, t_rx_us)
-            boot = self._start_boot(segment)
+            boot = self._start_boot(index, first)
         if segment is None:
             segment = no_segment(index)
         else:
+            boot.begin_clock(int(segment.t_boot_us[0]), int(segment.t_rx_us[0]))
             boot.last_us = max(boot.last_us, int(segment.t_boot_us.max()))
         yield from self._judge(boot, segment, batch, link)
 
@@ -242,17 +299,19 @@ class VehicleJudge:
         aligned = boot.aligner.pair(euler, quaternion, segment.message, None if euler is sent else sent.q_nb)
         attitudes, imu_with_attitude = see() if seeing is None else seeing.result()
         self._count(segment, aligned.period_us)
+        rows = segment.frame_index - link.frame_index[0]
         line = Timeline(
             frame_index=segment.frame_index,
             stream=np.minimum(segment.message, OTHER),
             t_boot_us=segment.t_boot_us,
-            t_rx_us=link.latest_rx_us[segment.frame_index - link.frame_index[0]],
+            t_rx_us=link.latest_rx_us[rows],
+            heard_us=link.heard_us[rows],
             period_us=aligned.period_us,
             rx_period_us=aligned.rx_period_us,
             lost=segment.lost,
             received=segment.received,
         )
-        turns = self._heard_on(list(boot.liveness.take(line, link)) if len(segment.message) else [], link)
+        turns = list(boot.liveness.take(line, link)) if len(segment.message) else []
         notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link)
         yield from notices
 
@@ -269,6 +328,8 @@ class VehicleJudge:
             ardupilot=self._ardupilot,
             stream_changes=turns,
             line=line,
+            heard=self._heard_until(until + 1),
+            wishes=self._wishes_until(until),
             statements=told,
         )
         for reset in boot.resets.take(flight.steps):
@@ -351,10 +412,10 @@ class VehicleJudge:
         trim_b_rad = self._trims.at(chosen.frame_index)
         return VehicleImu(**vars(chosen), may_rest=may_rest, stands=stands, trim_b_rad=trim_b_rad)
 
-    def _start_boot(self, segment: BootSegment) -> Boot:
+    def _start_boot(self, index: int, first: tuple[int, int, int]) -> Boot:
+        """Begin a boot with the frame and times of what shows it first."""
         before = self._boot
-        first = (int(segment.frame_index[0]), int(segment.t_boot_us[0]), int(segment.t_rx_us[0]))
-        boot = Boot(segment.boot, *first, self._settings)
+        boot = Boot(index, *first, self._settings)
         if before is not None:
             self._boots.append(before.entry())
             self._both_alive_us += before.liveness.both_alive_us
@@ -373,7 +434,15 @@ class VehicleJudge:
         for index, samples in enumerate((segment.euler, segment.quaternion)):
             if len(samples):
                 count = self._stream(samples.source)
-                count.add_stream(index, segment.message, segment.t_boot_us, segment.lost, period_us, samples.valid)
+                count.add_stream(
+                    index,
+                    segment.message,
+                    segment.t_boot_us,
+                    segment.t_rx_us,
+                    segment.lost,
+                    period_us,
+                    samples.valid,
+                )
 
 
 def _of_boot(secondary: Ahrs2Samples, boot: Boot) -> Ahrs2Samples:

@@ -126,6 +126,9 @@ class Verdicts:
         rarest = min(STREAMS, key=lambda name: usable[name])
         if usable[rarest] < least:
             return f"only {usable[rarest]} usable samples of {rarest}: {_how_to_get(rarest, autopilot)}"
+        standing = [name for name in STREAMS if self._streams[name].stands]
+        if standing:
+            return f"the clock stands still: {' and '.join(standing)} came with one and the same time again and again"
         return (
             f"only {check.judged} pairs could be judged: the two streams never came at one instant, "
             f"nor with gaps below {self._settings.alignment.max_gap_s:g} s and body rates to interpolate with"

@@ -100,6 +100,10 @@ class Dialect:
     def __contains__(self, name: str) -> bool:
         return name in self._definitions
 
+    def with_field(self, field: str) -> list[str]:
+        """Names of the messages that have such a field."""
+        return [name for name, told in self._definitions.items() if any(one[0] == field for one in told.fields)]
+
     def name_of(self, msgid: int) -> str | None:
         """Name of the message with this id, None where the dialect defines none."""
         return self._name_of_id.get(msgid)

@@ -444,7 +444,7 @@ def pair_kernel(
         i = counts[3 + k]
         counts[3 + k] += 1
         is_valid, frame_index, t, t_rx_us = _stamp(euler, i) if k == EULER else _stamp(quaternion, i)
-        if not is_valid:
+        if not is_valid or t == state.of[k, _LATEST]:  # a second one of an instant tells nothing new of it
             continue
         other = 1 - k
         position = state.of[k, _COUNT]

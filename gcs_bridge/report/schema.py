@@ -41,8 +41,8 @@ class Boot(Struct, frozen=True, kw_only=True):
     """From one restart of the vehicle to the next."""
 
     index: BootIndex
-    first_boot_s: Annotated[float, Meta(description="boot time of the first message, s")]
-    last_boot_s: Annotated[float, Meta(description="boot time of the latest message, s")]
+    first_boot_s: Annotated[float | None, Meta(description="boot time of the first message, s; null: none was told")]
+    last_boot_s: Annotated[float | None, Meta(description="boot time of the latest message, s; null: none was told")]
     start_utc: Annotated[str | None, Meta(description="receive time at which the boot clock was zero, ISO 8601")]
 
 

@@ -91,6 +91,8 @@ def _judged(check: Check | None) -> str:
 def _boot(boot: Boot) -> str:
     first, last = boot.first_boot_s, boot.last_boot_s
     began = "" if boot.start_utc is None else f", started {boot.start_utc}"
+    if first is None or last is None:
+        return "restarted; no time was told since"
     return f"{_seconds(first)} to {_seconds(last)} ({_seconds(last - first)}){began}"
 
 

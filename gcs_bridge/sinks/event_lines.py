@@ -19,6 +19,8 @@ from gcs_bridge.events import (
     Event,
     LinkDown,
     NoCompare,
+    RateRequested,
+    ReceiverPaused,
     StreamEvent,
     StreamStale,
 )
@@ -112,8 +114,10 @@ def _said(event: Event) -> str:
             return f"NO COMPARE {event.check}: {event.reason}"
         case CompareResumed():
             return f"{event.check} is compared again"
-        case ClockStep():
-            return f"boot clock stepped by {event.step_s:+.1f} s"
+        case ClockStep(step_s=float(step_s)):
+            return f"boot clock stepped by {step_s:+.1f} s"
+        case RateRequested() | ReceiverPaused():
+            return event.reason
     said = [_SAID.get(event.name) or event.name.replace("_", " ")]
     if isinstance(event.link, str):
         said.append(event.link)

@@ -10,8 +10,9 @@ from typing import Self
 
 import numpy as np
 
-from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record
+from gcs_bridge.columns import Floats, FrameColumns, Int64Rows, Int64s, Mask, record
 from gcs_bridge.telemetry.clocks import ClockChange
+from gcs_bridge.telemetry.heard import HeardFrames
 from gcs_bridge.telemetry.samples import (
     ATTITUDE,
     ATTITUDE_QUATERNION,
@@ -86,12 +87,14 @@ class VelocityChange(FrameColumns):
 class VehicleBatch:
     """What one batch brought of one vehicle: its boots in turn, clock changes, what it said of itself.
 
-    `frame_index` are the indices of its frames, `heard` of those in the window. `counted` holds the receive times, µs,
+    `frame_index` are the indices of its frames, `heard` tells of those in the window; `timed`: columns of its
+    `TimedMessages`, in the window or not. `counted` holds the receive times, µs,
     of messages without a boot time of their own; `imu` and `secondary` what these carry.
     """
 
     frame_index: Int64s
-    heard: Int64s
+    heard: HeardFrames
+    timed: Int64Rows
     segments: list[BootSegment]
     clock_changes: list[ClockChange]
     counted: dict[str, Int64s]

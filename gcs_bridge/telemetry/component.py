@@ -17,6 +17,7 @@ from gcs_bridge.settings import VehicleSettings
 from gcs_bridge.telemetry.attitudes import AttitudeReader
 from gcs_bridge.telemetry.batches import BootSegment, VehicleBatch
 from gcs_bridge.telemetry.clocks import BOOT, BootClock, TimedMessages
+from gcs_bridge.telemetry.heard import heard_frames
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.inertial import ImuReader
 from gcs_bridge.telemetry.messages import IMU_KINDS, KIND
@@ -91,10 +92,10 @@ class VehicleReader:
         if share.count(KIND[AHRS2]):
             rows = batch.rows(share, KIND[AHRS2])
             counted[AHRS2] = batch.frames["t_rx_us"][rows[batch.in_window[rows]]]
-        heard = batch.frame_indices(share)
         return VehicleBatch(
-            frame_index=heard,
-            heard=heard if batch.all_in_window else heard[batch.in_window[batch.arrival[share.start : share.end]]],
+            frame_index=batch.frame_indices(share),
+            heard=heard_frames(batch, share, timed.restarting),
+            timed=timed.columns,
             segments=segments,
             clock_changes=changes,
             counted=counted,

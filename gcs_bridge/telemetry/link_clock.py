@@ -1,4 +1,10 @@
-"""The receive time of a link, frame by frame: it does not run back with single record times. It knows no vehicle."""
+"""The receive time of a link, frame by frame: it does not run back with single record times. It knows no vehicle.
+
+Beside it runs the time in which the link was heard. Where nothing at all comes, of nobody, it may be that nobody
+spoke, or that nobody listened: a suspended receiver looks the same. So a silence of everything counts for little, and
+what the vehicles' own clocks say of it decides. Time that is known to have passed, as on a live link that is waited
+for, counts whole.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +15,21 @@ from gcs_bridge.jit import helper
 
 SET_BACK_US = 10_000_000
 NEVER_US = 2**62  # a deadline that does not come
+# So much of a silence of everything counts as heard: more than lies between the heartbeats of a single vehicle would
+# be taken from a suspended receiver as silence, much less would never let a vehicle that sends nothing else be heard.
+HEARD_US = 1_000_000
 
 
 class LinkClock(NamedTuple):
-    """The receive time of a link, frame by frame: consecutive indices (n,), and the latest receive time (n,), µs."""
+    """The receive time of a link, frame by frame.
+
+    Consecutive indices (n,); the latest receive time (n,), µs; the time in which the link was heard (n,), µs, which
+    runs as receive time does and stands still where nothing comes.
+    """
 
     frame_index: Int64s
     latest_rx_us: Int64s
+    heard_us: Int64s
 
     def at(self, frame_index: int) -> int:
         """The receive time at a frame of this batch."""
@@ -29,11 +43,17 @@ def pass_time(latest_us, t_rx_us):  # type: ignore[no-untyped-def]  # typed by n
 
 
 @helper
-def first_beyond(latest_rx_us, since, until, limit_us):  # type: ignore[no-untyped-def]  # typed by numba
+def heard_between(latest_us, t_rx_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """How long the link was heard from one receive time to the next."""
+    return min(max(t_rx_us - latest_us, 0), HEARD_US) if latest_us >= 0 else 0
+
+
+@helper
+def first_beyond(times_us, since, until, limit_us):  # type: ignore[no-untyped-def]  # typed by numba
     """The first of the rows from `since` up to, and without, `until` whose time is beyond a limit; `until`: none is."""
-    if until <= since or latest_rx_us[until - 1] <= limit_us:
+    if until <= since or times_us[until - 1] <= limit_us:
         return until
     row = since
-    while latest_rx_us[row] <= limit_us:
+    while times_us[row] <= limit_us:
         row += 1
     return row

@@ -21,20 +21,45 @@ STATEMENTS = (
     "ESTIMATOR_STATUS",
     "ODOMETRY",
 )
-USED = (*TIMED, *(name for name in IMU_MESSAGES if name not in TIMED), AHRS2, "LOCAL_POSITION_NED", *STATEMENTS)
+# What a vehicle sends of a transfer; parameters, which are read too, have their own kind. Logs that are streamed all
+# through a flight (LOGGING_DATA, REMOTE_LOG_DATA_BLOCK) are none: they would excuse every silence.
+TRANSFERS = (
+    "MISSION_COUNT",
+    "MISSION_ITEM",
+    "MISSION_ITEM_INT",
+    "MISSION_REQUEST",
+    "MISSION_REQUEST_INT",
+    "MISSION_REQUEST_LIST",
+    "MISSION_ACK",
+    "FILE_TRANSFER_PROTOCOL",
+    "LOG_ENTRY",
+    "LOG_DATA",
+    "PARAM_EXT_VALUE",
+)
+REQUESTS = ("REQUEST_DATA_STREAM", "COMMAND_LONG", "COMMAND_INT", "PARAM_SET")  # by which rates are asked for
+USED = (
+    *TIMED,
+    *(name for name in IMU_MESSAGES if name not in TIMED),
+    AHRS2,
+    "LOCAL_POSITION_NED",
+    *STATEMENTS,
+    *REQUESTS,
+)
 KIND = {name: kind for kind, name in enumerate(USED)}
-KINDS = len(USED) + 1
-OTHER = len(USED)  # the kind of all other messages
+TRANSFER = len(USED)  # the kind of all of TRANSFERS
+OTHER = len(USED) + 1  # the kind of all other messages
+KINDS = len(USED) + 2
 UNTIMED = len(TIMED)  # from here on: kinds without a time_boot_ms that keeps the clock
 IMU_KINDS = range(KIND["SCALED_IMU"], KIND["HIGHRES_IMU"] + 1)
-STATEMENT_KINDS = range(KIND[STATEMENTS[0]], OTHER)
+STATEMENT_KINDS = range(KIND[STATEMENTS[0]], KIND[STATEMENTS[-1]] + 1)
+REQUEST_KINDS = range(KIND[REQUESTS[0]], KIND[REQUESTS[-1]] + 1)
 
 
 @cache
 def kind_of_id(dialect: Dialect) -> npt.NDArray[np.int8]:
     """The kind of each message by its id, as far as the dialect has ids."""
     kinds = np.full(len(dialect.tables.row_of_id), OTHER, np.int8)
-    for name, kind in KIND.items():
+    for name, kind in (*KIND.items(), *((name, TRANSFER) for name in TRANSFERS)):
         if name in dialect:
             kinds[dialect[name].msgid] = kind
     return kinds

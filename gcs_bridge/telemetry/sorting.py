@@ -11,19 +11,21 @@ from gcs_bridge.columns import Int64Rows, Int64s, Mask, Records
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
-from gcs_bridge.telemetry.link_clock import LinkClock, pass_time
-from gcs_bridge.telemetry.messages import KINDS, kind_of_id
+from gcs_bridge.telemetry.link_clock import LinkClock, heard_between, pass_time
+from gcs_bridge.telemetry.messages import KINDS, REQUEST_KINDS, kind_of_id
 
 Kinds = npt.NDArray[np.int8]
 _UNWANTED = -1  # the kind of a frame that is nobody's: a duplicate, or of a system that is not judged
 _KEY, _LOST, _HEARD_US, _STARTS = range(4)  # columns of a component's row; from _STARTS on: where its kinds begin
 _COMPONENTS = 65536
+_FIRST_REQUEST, _LAST_REQUEST = REQUEST_KINDS[0], REQUEST_KINDS[-1]
 LINK = np.dtype(
     [
         ("frames", "i8"),  # so far
         ("inside", "i8"),  # of them within the window
         ("start_us", "i8"),  # the first receive time, 0: none is known yet
         ("latest_rx_us", "i8"),
+        ("heard_us", "i8"),  # time in which the link was heard
     ]
 )
 
@@ -120,6 +122,7 @@ def _sort(
     share_of: npt.NDArray[np.int32],
     frame_index: Int64s,
     latest_rx_us: Int64s,
+    heard_us: Int64s,
     kind: Kinds,
     in_window: Mask,
     arrival: Int64s,
@@ -133,21 +136,27 @@ def _sort(
     has room for −1 is returned, and nothing has happened.
     """
     state = link[0]
-    start_us, latest_us = state.start_us, state.latest_rx_us
+    start_us, latest_us, link_heard_us = state.start_us, state.latest_rx_us, state.heard_us
     n, shares, inside = frames.size, 0, 0
     for row in range(n):
         frame = frames[row]
         t_rx_us = frame.t_rx_us
         if start_us == 0 and t_rx_us > 0:  # a damaged first time reads as 0
             start_us = t_rx_us
-        latest_rx_us[row] = latest_us = pass_time(latest_us, t_rx_us)
+        passed_us = pass_time(latest_us, t_rx_us)
+        link_heard_us += heard_between(latest_us, passed_us)
+        latest_rx_us[row] = latest_us = passed_us
+        heard_us[row] = link_heard_us
         frame_index[row] = state.frames + row
         in_window[row] = start_us + from_us <= t_rx_us < start_us + to_us
         inside += in_window[row]
         kind[row] = _UNWANTED
-        if frame.duplicate or (sysid >= 0 and frame.sysid != sysid):
+        of = kind_of[frame.msgid]
+        # What others ask of the one system is told of it.
+        asks = _FIRST_REQUEST <= of <= _LAST_REQUEST
+        if frame.duplicate or (sysid >= 0 and frame.sysid != sysid and not asks):
             continue
-        kind[row] = kind_of[frame.msgid]
+        kind[row] = of
         key = _key(frame)
         mine = share_of[key]
         if mine < 0:
@@ -160,7 +169,7 @@ def _sort(
             shares += 1
         share[mine, _LOST], share[mine, _HEARD_US] = frame.lost, t_rx_us
         share[mine, _STARTS + 1 + kind[row]] += 1
-    state.start_us, state.latest_rx_us = start_us, latest_us
+    state.start_us, state.latest_rx_us, state.heard_us = start_us, latest_us, link_heard_us
     state.frames += n
     state.inside += inside
     at = 0
@@ -222,13 +231,16 @@ class FrameSorter:
         """Time has come to `t_rx_us` and nothing came: the clock then, None where it was there already."""
         if t_rx_us <= self.latest_rx_us:
             return None
+        if self.latest_rx_us >= 0:
+            self._link["heard_us"] += t_rx_us - self.latest_rx_us
         self._link["latest_rx_us"] = t_rx_us
-        return LinkClock(np.array([self.frames]), np.array([t_rx_us]))
+        return LinkClock(np.array([self.frames]), np.array([t_rx_us]), self._link["heard_us"].copy())
 
     def sort(self, buffer: Bytes, frames: Frames) -> SortedFrames:
         """Take the next frames (n,), n ≥ 1, found in `buffer`."""
         n = len(frames)
-        frame_index, latest_rx_us, kind = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int8)
+        frame_index, latest_rx_us, heard_us = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+        kind = np.empty(n, np.int8)
         in_window, arrival, by_message = np.empty(n, np.bool_), np.empty(n, np.int64), np.empty(n, np.int64)
         shares = -1
         while shares < 0:
@@ -244,6 +256,7 @@ class FrameSorter:
                 self._share_of,
                 frame_index,
                 latest_rx_us,
+                heard_us,
                 kind,
                 in_window,
                 arrival,
@@ -256,7 +269,7 @@ class FrameSorter:
             buffer=buffer,
             frames=frames,
             first=int(frame_index[0]),
-            clock=LinkClock(frame_index, latest_rx_us),
+            clock=LinkClock(frame_index, latest_rx_us, heard_us),
             kind=kind,
             in_window=in_window,
             all_in_window=inside == n,

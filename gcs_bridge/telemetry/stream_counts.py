@@ -28,6 +28,11 @@ _COUNT = np.dtype(
         ("silent_us", "i8"),
         ("began", "?"),  # whether a sample came within the boot
         ("latest_us", "i8"),  # of them
+        ("standing", "i8"),  # samples with the time of the one before
+        # By receive time, for where the samples' own stands still.
+        ("rx_us", "i8"),
+        ("rx_intervals", "i8"),
+        ("rx_spent_us", "i8"),
         ("last_lost", "i8"),
     ]
 )
@@ -52,6 +57,18 @@ def _count(of, t_us):  # type: ignore[no-untyped-def]  # typed by numba
     of.latest_us = max(of.latest_us, t_us) if of.began else t_us
     of.began = True
     return step_us
+
+
+@helper
+def _count_receipt(of, step_us, t_rx_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """Count the interval before a sample by its receive time; `step_us`: by its own."""
+    rx_step_us = t_rx_us - of.rx_us
+    if of.count > 1 and of.rx_us >= 0:
+        of.standing += step_us == 0
+        if 0 < rx_step_us <= _SILENCE_US:
+            of.rx_intervals += 1
+            of.rx_spent_us += rx_step_us
+    of.rx_us = t_rx_us
 
 
 @helper
@@ -80,6 +97,7 @@ def _count_stream(
     stream: int,
     message: Int64s,
     t_us: Int64s,
+    t_rx_us: Int64s,
     frames_lost: Int64s,
     period_us: Int64s,
     valid: Mask,
@@ -89,6 +107,7 @@ def _count_stream(
     for i in range(message.size):
         if message[i] == stream:
             step_us = _count(of, t_us[i])
+            _count_receipt(of, step_us, t_rx_us[i])
             _count_losses(of, step_us, period_us[i], frames_lost[i])
             of.invalid += not valid[n]
             n += 1
@@ -110,14 +129,21 @@ class StreamCount:
         _count_all(self._count, t_us)
 
     def add_stream(
-        self, stream: int, message: Int64s, t_us: Int64s, frames_lost: Int64s, period_us: Int64s, valid: Mask
+        self,
+        stream: int,
+        message: Int64s,
+        t_us: Int64s,
+        t_rx_us: Int64s,
+        frames_lost: Int64s,
+        period_us: Int64s,
+        valid: Mask,
     ) -> None:
         """Count those of timed messages (n,) that are of `stream`, and what is missing between them.
 
-        By their times, the vehicle's frames that were lost so far, and the period as known then (−1: not); `valid` (k,)
-        of the k that are of the stream.
+        By their times, their receive times, the vehicle's frames that were lost so far, and the period as known then
+        (−1: not); `valid` (k,) of the k that are of the stream.
         """
-        _count_stream(self._count, stream, message, t_us, frames_lost, period_us, valid)
+        _count_stream(self._count, stream, message, t_us, t_rx_us, frames_lost, period_us, valid)
 
     @property
     def count(self) -> int:
@@ -130,11 +156,22 @@ class StreamCount:
         return int(self._count["invalid"][0])
 
     @property
+    def stands(self) -> bool:
+        """Whether most samples carry the time of the one before: there is no clock to tell them apart by."""
+        return 2 * int(self._count["standing"][0]) > self.count
+
+    @property
     def rate_hz(self) -> float | None:
-        """Over the time in which it came; of a stream that is slower than silences are long, over all."""
-        intervals, spent_us, silences, silent_us = (
-            int(self._count[name][0]) for name in ("intervals", "spent_us", "silences", "silent_us")
+        """Over the time in which it came; of a stream that is slower than silences are long, over all.
+
+        By receive time where its own stands still.
+        """
+        intervals, spent_us, silences, silent_us, rx_intervals, rx_spent_us = (
+            int(self._count[name][0])
+            for name in ("intervals", "spent_us", "silences", "silent_us", "rx_intervals", "rx_spent_us")
         )
+        if self.stands:
+            return rx_intervals / rx_spent_us * US_PER_S if rx_intervals else None
         if intervals:
             return intervals / spent_us * US_PER_S
         return silences / silent_us * US_PER_S if silences else None

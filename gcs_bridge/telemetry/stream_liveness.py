@@ -1,7 +1,9 @@
 """Which streams of a vehicle are alive, and for how long both forms of its attitude were: silence is not health.
 
-A stream is stale when it has been silent for some of its own periods, and for some seconds at least. Deadlines run on
-the vehicle's boot clock while any of its timed messages comes, and on receive time where they all stop.
+A stream is stale when it has been silent for some of its own periods, and for some seconds at least, and as well when
+its samples go on with one and the same time. Deadlines run on the vehicle's boot clock while any of its timed messages
+comes, and where they all stop on the time in which the link was heard. Where a link was silent, and the vehicle's clock
+behind that shows that less time has passed there, the receiver paused: it is nobody's silence.
 """
 
 from __future__ import annotations
@@ -17,22 +19,22 @@ from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import StreamSettings
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock, first_beyond
 
-# No timed message at all for so long, although the vehicle may be heard: a rebooting autopilot speaks again before.
-LONG_SILENCE_US = 10_000_000
 OTHER = 2  # a timed message that is neither of the two attitude streams
-_WHATS = ("started", "stale", "resumed", "missing", "silent")
-_STARTED, _STALE, _RESUMED, _MISSING, _SILENT = range(5)
+_WHATS = ("started", "stale", "resumed", "missing", "stands", "paused")
+_STARTED, _STALE, _RESUMED, _MISSING, _STANDS, _PAUSED = range(6)
 _ROOM, _MOST = 16, 8  # changes that there is room for in one call; as many as one message can bring, at most
 _NO_TIME = -1
+_PAUSE_US = 1_000_000  # a shorter pause of the receiver is not worth a word: it delays no deadline either
 
 _STREAM = np.dtype(
     [
         ("seen", "?"),
         ("alive", "?"),
-        ("silence_told", "?"),
         ("last_us", "i8"),  # the vehicle's time when it was last heard: a stream that comes late is not silent
         ("period_us", "i8"),
         ("rx_period_us", "i8"),
+        ("stamp_us", "i8"),  # the time that its samples carry, and since when: by the time in which the link was heard
+        ("stamped_us", "i8"),
     ]
 )
 _LIVENESS = np.dtype(
@@ -41,6 +43,7 @@ _LIVENESS = np.dtype(
         ("first_us", "i8"),
         ("latest_us", "i8"),
         ("latest_rx_us", "i8"),
+        ("heard_us", "i8"),  # time in which the link was heard, up to the latest message
         ("latest_frame_index", "i8"),
         ("both_us", "i8"),  # closed stretches of time in which both were alive
         ("both_since_us", "i8"),
@@ -56,14 +59,15 @@ _LIVENESS = np.dtype(
 class Timeline(FrameColumns):
     """A vehicle's timed messages within one boot, in order of arrival; n of them.
 
-    `stream` (n,) 0 ATTITUDE, 1 ATTITUDE_QUATERNION, 2 any other; `t_boot_us` (n,); `t_rx_us` (n,) by the link's clock,
-    −1 where unknown; `period_us`, `rx_period_us` (n,) of the message's stream as known by then, −1 where not; `lost`,
-    `received` (n,) frames of the vehicle so far.
+    `stream` (n,) 0 ATTITUDE, 1 ATTITUDE_QUATERNION, 2 any other; `t_boot_us` (n,); `t_rx_us`, `heard_us` (n,) by the
+    link's clock, the former −1 where unknown; `period_us`, `rx_period_us` (n,) of the message's stream as known by
+    then, −1 where not; `lost`, `received` (n,) frames of the vehicle so far.
     """
 
     stream: Int64s
     t_boot_us: Int64s
     t_rx_us: Int64s
+    heard_us: Int64s
     period_us: Int64s
     rx_period_us: Int64s
     lost: Int64s
@@ -75,10 +79,17 @@ class StreamChange(NamedTuple):
 
     frame_index: int
     stream: int
-    what: str  # "started", "stale", "resumed"; "missing": it never came at all; "silent": see LONG_SILENCE_US
-    t_boot_us: int
+    what: (
+        str  # "started", "stale", "resumed"; "missing": it never came at all; "stands": it is stale as its time stands
+    )
+    t_boot_us: int  # still; "paused": of no stream, the receiver did not listen
     ago_us: int = 0  # how long before that frame it was
-    silent_us: int = 0  # of a stale one: since its last sample
+    silent_us: int = 0  # of a stale one: since its last sample; how long the receiver paused
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether the stream tells nothing from here on."""
+        return self.what in ("stale", "stands")
 
 
 # Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
@@ -88,12 +99,6 @@ class StreamChange(NamedTuple):
 def _deadline_us(of, period_us):  # type: ignore[no-untyped-def]  # typed by numba
     """After how long a silence a stream of this period is stale."""
     return np.int64(np.rint(max(of.shortest_us, of.stale_periods * period_us)))
-
-
-@helper
-def _long_us(of):  # type: ignore[no-untyped-def]  # typed by numba
-    """After how long a silence of all timed messages the stream is silent, whatever its own period."""
-    return max(LONG_SILENCE_US, np.int64(of.shortest_us))
 
 
 @helper
@@ -112,39 +117,45 @@ def _write(changes, n, frame_index, k, what, t_us, ago_us, silent_us):  # type: 
 
 
 @helper
-def _go_stale(of, k, at_us, frame_index, ago_us, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
-    """Stream `k` is stale from `at_us` on; looking back, it was not alive from its last sample on."""
+def _go_stale(of, k, what, at_us, frame_index, ago_us, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+    """Stream `k` is stale from `at_us` on, or stands; looking back, it was not alive from its last sample on."""
     stream = of.stream[k]
     stream.alive = False
     if of.both_since_us != _NO_TIME:
         of.both_us += max(stream.last_us - of.both_since_us, 0)
         of.both_since_us = _NO_TIME
-    return _write(changes, n, frame_index, k, _STALE, at_us, ago_us, at_us - stream.last_us)
+    return _write(changes, n, frame_index, k, what, at_us, ago_us, at_us - stream.last_us)
 
 
 @helper
-def _pass_silence(of, first, latest_rx_us, until, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
-    """Streams whose deadline passes on receive time, while nothing of the vehicle came, are stale.
+def _pass_silence(of, first, heard_us, until, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+    """Streams whose deadline passes while the link is heard, and nothing timed of the vehicle came, are stale.
 
-    `latest_rx_us` of the link's frames from the index `first` on; looked at are those before row `until`.
+    `heard_us` of the link's frames from the index `first` on; looked at are those before row `until`.
     """
-    if of.latest_rx_us < 0:
-        return n
     since = max(of.latest_frame_index + 1 - first, 0)
     for k in range(2):
         stream = of.stream[k]
-        if stream.seen and not stream.silence_told:
-            row = first_beyond(latest_rx_us, since, until, of.latest_rx_us + _long_us(of))
-            if row < until:
-                stream.silence_told = True
-                n = _write(changes, n, first + row, k, _SILENT, of.latest_us, 0, LONG_SILENCE_US)
         if stream.alive:
             allowed_us = _rx_deadline_us(of, k)
-            row = first_beyond(latest_rx_us, since, until, of.latest_rx_us + allowed_us)
+            row = first_beyond(heard_us, since, until, of.heard_us + allowed_us)
             if row < until:
                 at_us = max(stream.last_us + _deadline_us(of, stream.period_us), of.latest_us)
-                ago_us = latest_rx_us[row] - of.latest_rx_us - allowed_us
-                n = _go_stale(of, k, at_us, first + row, ago_us, changes, n)
+                ago_us = heard_us[row] - of.heard_us - allowed_us
+                n = _go_stale(of, k, _STALE, at_us, first + row, ago_us, changes, n)
+    return n
+
+
+@helper
+def _find_pause(of, t_boot_us, t_rx_us, heard_us, frame_index, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+    """Behind a silence of the whole link in which less time passed on the vehicle than here, the receiver paused."""
+    if of.latest_rx_us < 0:
+        return n
+    passed_us = t_rx_us - of.latest_rx_us
+    unheard_us = passed_us - (heard_us - of.heard_us)
+    paused_us = passed_us - max(t_boot_us - of.latest_us, 0)
+    if unheard_us > _PAUSE_US and paused_us > max(_PAUSE_US, unheard_us // 2):
+        n = _write(changes, n, frame_index, 0, _PAUSED, t_boot_us, 0, paused_us)
     return n
 
 
@@ -155,7 +166,7 @@ def _pass_deadlines(of, frame_index, except_stream, changes, n):  # type: ignore
         stream = of.stream[k]
         deadline_us = stream.last_us + _deadline_us(of, stream.period_us)
         if stream.alive and of.latest_us > deadline_us:
-            n = _go_stale(of, k, deadline_us, frame_index, of.latest_us - deadline_us, changes, n)
+            n = _go_stale(of, k, _STALE, deadline_us, frame_index, of.latest_us - deadline_us, changes, n)
         if not stream.seen and k != except_stream and not of.missing_told:
             deadline_us = of.first_us + _deadline_us(of, -1)
             if of.latest_us > deadline_us:
@@ -165,14 +176,17 @@ def _pass_deadlines(of, frame_index, except_stream, changes, n):  # type: ignore
 
 
 @helper
-def _hear(of, k, t_us, frame_index, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+def _hear(of, k, t_us, heard_us, frame_index, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
     """A sample of stream `k` came."""
     stream = of.stream[k]
+    if t_us != stream.stamp_us:
+        stream.stamp_us, stream.stamped_us = t_us, heard_us
+    elif heard_us - stream.stamped_us > _rx_deadline_us(of, k):
+        return _go_stale(of, k, _STANDS, of.latest_us, frame_index, 0, changes, n) if stream.alive else n
     stream.last_us = of.latest_us
     if not stream.alive:
         n = _write(changes, n, frame_index, k, _RESUMED if stream.seen else _STARTED, t_us, 0, 0)
         stream.seen = stream.alive = True
-        stream.silence_told = False
         if of.stream[1 - k].alive:
             of.both_since_us = of.latest_us
     return n
@@ -184,17 +198,18 @@ def _take(
     stream: Int64s,
     t_boot_us: Int64s,
     t_rx_us: Int64s,
+    heard_us: Int64s,
     frame_index: Int64s,
     period_us: Int64s,
     rx_period_us: Int64s,
     begin: int,
     first: int,
-    latest_rx_us: Int64s,
+    link_heard_us: Int64s,
     changes: Int64Rows,
 ) -> tuple[int, int]:
     """Follow the messages from `begin` on, as long as there is room for changes.
 
-    `latest_rx_us` of the link's frames from the index `first` on. Return how far, and how many changes there are.
+    `link_heard_us` of the link's frames from the index `first` on. Return how far, and how many changes there are.
     """
     of, n = liveness[0], 0
     for i in range(begin, stream.size):
@@ -203,12 +218,13 @@ def _take(
         k, at = stream[i], frame_index[i]
         if of.first_us == _NO_TIME:
             of.first_us = of.latest_us = t_boot_us[i]
-        n = _pass_silence(of, first, latest_rx_us, at - first + 1, changes, n)
+        n = _pass_silence(of, first, link_heard_us, at - first + 1, changes, n)
+        n = _find_pause(of, t_boot_us[i], t_rx_us[i], heard_us[i], at, changes, n)
         of.latest_us = max(of.latest_us, t_boot_us[i])
-        of.latest_rx_us, of.latest_frame_index = t_rx_us[i], at
+        of.latest_rx_us, of.heard_us, of.latest_frame_index = t_rx_us[i], heard_us[i], at
         n = _pass_deadlines(of, at, k, changes, n)
         if k != OTHER:
-            n = _hear(of, k, t_boot_us[i], at, changes, n)
+            n = _hear(of, k, t_boot_us[i], heard_us[i], at, changes, n)
             of.stream[k].period_us = period_us[i] if period_us[i] >= 0 else of.stream[k].period_us
             of.stream[k].rx_period_us = rx_period_us[i] if rx_period_us[i] >= 0 else of.stream[k].rx_period_us
     return stream.size, n
@@ -216,21 +232,17 @@ def _take(
 
 @kernel
 def _wait(
-    liveness: Annotated[Records, _LIVENESS], first: int, latest_rx_us: Int64s, until: int, changes: Int64Rows
+    liveness: Annotated[Records, _LIVENESS], first: int, heard_us: Int64s, until: int, changes: Int64Rows
 ) -> tuple[int, int]:
     """Let time pass up to row `until` of the link's frames.
 
-    Return how many changes that brings, and the receive time from which on time alone may bring the next.
+    Return how many changes that brings, and the time on the link from which on time alone may bring the next.
     """
     of, due_us = liveness[0], NEVER_US
-    n = _pass_silence(of, first, latest_rx_us, until, changes, 0)
-    if of.latest_rx_us >= 0:
-        for k in range(2):
-            stream = of.stream[k]
-            if stream.seen and not stream.silence_told:
-                due_us = min(due_us, of.latest_rx_us + _long_us(of) + 1)
-            if stream.alive:
-                due_us = min(due_us, of.latest_rx_us + _rx_deadline_us(of, k) + 1)
+    n = _pass_silence(of, first, heard_us, until, changes, 0)
+    for k in range(2):
+        if of.stream[k].alive:
+            due_us = min(due_us, of.heard_us + _rx_deadline_us(of, k) + 1)
     return n, due_us
 
 
@@ -239,11 +251,12 @@ class Liveness:
 
     def __init__(self, settings: StreamSettings) -> None:
         """Start before the first message."""
-        self.due_us = NEVER_US  # the link's receive time from which on `pass_silence`, called last, may tell more
+        self.due_us = NEVER_US  # the time on the link, as it is heard, from which on `pass_silence` may tell more
         self._state = np.zeros(1, _LIVENESS)
         for name in ("first_us", "latest_rx_us", "latest_frame_index", "both_since_us"):
             self._state[name] = _NO_TIME
-        self._state["stream"]["period_us"] = self._state["stream"]["rx_period_us"] = -1
+        self._state["stream"]["period_us"] = self._state["stream"]["rx_period_us"] = _NO_TIME
+        self._state["stream"]["stamp_us"] = _NO_TIME
         self._state["shortest_us"] = settings.stale_after_s * 1e6
         self._state["stale_periods"] = settings.stale_periods
 
@@ -267,24 +280,25 @@ class Liveness:
                 line.stream,
                 line.t_boot_us,
                 line.t_rx_us,
+                line.heard_us,
                 line.frame_index,
                 line.period_us,
                 line.rx_period_us,
                 done,
                 int(link.frame_index[0]),
-                link.latest_rx_us,
+                link.heard_us,
                 changes,
             )
             if n:
                 yield from _as_changes(changes[:n])
 
     def pass_silence(self, link: LinkClock, until_frame_index: int | None = None) -> Iterator[StreamChange]:
-        """Streams whose deadline passes on receive time, while nothing of the vehicle came, are stale."""
+        """Streams whose deadline passes while the link is heard, and nothing timed of the vehicle came, are stale."""
         first, until = int(link.frame_index[0]), len(link.frame_index)
         if until_frame_index is not None:
             until = until_frame_index + 1 - first
         changes = np.empty((_MOST, 6), np.int64)
-        n, self.due_us = _wait(self._state, first, link.latest_rx_us, until, changes)
+        n, self.due_us = _wait(self._state, first, link.heard_us, until, changes)
         if n:
             yield from _as_changes(changes[:n])
 

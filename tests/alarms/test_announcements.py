@@ -52,7 +52,7 @@ class Desk:
     def tell(self, warning: float = GOOD, alarm: float = GOOD, other: float = GOOD, *signals: Signal) -> Told:
         """One frame with a sample of each, and with what became of the first check's sources."""
         at = np.array([self.second])
-        link = LinkClock(at, wire.START_US + 1_000_000 * at)
+        link = LinkClock(at, wire.START_US + 1_000_000 * at, 1_000_000 * at)
         values = ((WARNING, warning), (ALARM, alarm), (OTHER, other))
         marks = [SignalAt(frame_index=self.second, check="level", signal=signal) for signal in signals]
         self.manager.begin(marks, link)

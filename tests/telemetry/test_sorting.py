@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from gcs_bridge.mavlink.dialect import load_dialect
 from gcs_bridge.mavlink.scan import FRAME
-from gcs_bridge.telemetry.messages import KIND, OTHER
+from gcs_bridge.telemetry.messages import KIND, OTHER, TRANSFER, TRANSFERS
 from gcs_bridge.telemetry.sorting import FrameSorter
 
 START_US = 1_700_000_000_000_000
 S = 1_000_000
-MESSAGES = ["ATTITUDE", "HEARTBEAT", "RAW_IMU", "VFR_HUD"]  # the last one is not used
+MESSAGES = ["ATTITUDE", "HEARTBEAT", "RAW_IMU", "LOG_DATA", "MISSION_COUNT", "VFR_HUD"]  # the last one is not used
 NO_BYTES = np.empty(0, np.uint8)
 
 Sent = tuple[int, int, str]  # system, component, message
@@ -35,7 +35,7 @@ def test_each_component_has_its_frames_in_order_of_arrival_and_by_message(sent: 
     mine, of_kind = defaultdict(list), defaultdict(list)
     for row, (sysid, compid, name) in enumerate(sent):
         mine[sysid, compid].append(row)
-        of_kind[sysid, compid, KIND.get(name, OTHER)].append(row)
+        of_kind[sysid, compid, KIND.get(name, TRANSFER if name in TRANSFERS else OTHER)].append(row)
     assert {share.address: batch.frame_indices(share).tolist() for share in batch.shares} == mine
     for share in batch.shares:
         for kind in range(OTHER + 1):
@@ -52,6 +52,30 @@ def test_duplicates_and_other_systems_are_nobodys() -> None:
     assert (share.address, batch.frame_indices(share).tolist()) == ((1, 1), [0, 3])
     assert sorter.frames == 4
     assert sorter.sort(NO_BYTES, frames).first == 4
+
+
+def test_what_others_ask_of_the_one_system_is_told_of_it() -> None:
+    """The station's request is theirs to know; its other frames are nobody's."""
+    sent = [(1, 1, "ATTITUDE"), (255, 190, "HEARTBEAT"), (255, 190, "REQUEST_DATA_STREAM"), (2, 1, "ATTITUDE")]
+    batch = FrameSorter(load_dialect(), sysid=1).sort(NO_BYTES, frames_of(sent))
+    assert {share.address: batch.frame_indices(share).tolist() for share in batch.shares} == {
+        (1, 1): [0],
+        (255, 190): [2],
+    }
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_a_silence_of_everything_counts_for_a_second(cut: bool) -> None:
+    """Nobody can tell it from a receiver that does not listen; time that is known to pass counts whole."""
+    seconds = [0.0, 0.5, 1.5, 11.5, 11.6, 9.0, 12.0]
+    frames = frames_of([(1, 1, "ATTITUDE")] * len(seconds), [START_US + round(s * S) for s in seconds])
+    sorter = FrameSorter(load_dialect())
+    parts = [frames[i : i + 1] for i in range(len(frames))] if cut else [frames]
+    heard = [t / S for part in parts for t in sorter.sort(NO_BYTES, np.ascontiguousarray(part)).clock.heard_us.tolist()]
+    assert heard == pytest.approx([0, 0.5, 1.5, 2.5, 2.6, 2.6, 3.0])
+    clock = sorter.pass_time(START_US + 22 * S)
+    assert clock is not None
+    assert clock.heard_us.tolist() == [13 * S]
 
 
 def test_thousands_of_components_have_their_share() -> None:

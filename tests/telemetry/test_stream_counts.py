@@ -48,11 +48,26 @@ def test_no_interval_leads_into_another_boot() -> None:
     assert (count.count, count.rate_hz, count.entry().max_gap_s) == (4, 10.0, 0.1)
 
 
-def taken(count: StreamCount, rows: list[tuple[int, int, int]], period_ms: int = 100, *, valid: bool = True) -> None:
+def taken(
+    count: StreamCount,
+    rows: list[tuple[int, int, int]],
+    period_ms: int = 100,
+    *,
+    valid: bool = True,
+    rx_ms: list[int] | None = None,
+) -> None:
     """Samples of stream 1 (ms, frames lost so far) among others: (message, ms, lost)."""
     message, ms, lost = (np.array(column, np.int64) for column in zip(*rows, strict=True))
     of = np.full(int((message == 1).sum()), valid)
-    count.add_stream(1, message, MS * ms, lost, np.full(len(rows), MS * period_ms), of)
+    count.add_stream(
+        1,
+        message,
+        MS * ms,
+        MS * ms if rx_ms is None else MS * np.array(rx_ms, np.int64),
+        lost,
+        np.full(len(rows), MS * period_ms),
+        of,
+    )
 
 
 def test_as_many_are_lost_as_there_was_room_for_and_as_the_sequence_misses() -> None:
@@ -80,3 +95,23 @@ def test_samples_without_an_attitude_are_counted_as_such() -> None:
     taken(count, [(1, 0, 0), (1, 100, 0)], valid=False)
     taken(count, [(1, 200, 0), (1, 300, 0)])
     assert (count.count, count.invalid) == (4, 2)
+
+
+@pytest.mark.parametrize("stuck_ms", [0, 77_000])
+def test_a_rate_is_told_by_receipt_where_the_times_stand_still(stuck_ms: int) -> None:
+    """Twenty a second, all with one time, once three seconds of nothing: twenty a second."""
+    count = StreamCount()
+    rx_ms = [*range(0, 1000, 50), *range(4000, 5000, 50)]
+    for part in (slice(0, 7), slice(7, None)):
+        taken(count, [(1, stuck_ms, 0)] * len(rx_ms[part]), rx_ms=rx_ms[part])
+    assert count.stands
+    assert (count.count, count.rate_hz) == (40, 20.0)
+
+
+def test_each_sample_twice_is_no_clock_that_stands() -> None:
+    """Ten a second by their own times, whenever they came."""
+    count = StreamCount()
+    rows = [(1, ms, 0) for ms in range(0, 2000, 100) for _ in range(2)]
+    taken(count, rows, rx_ms=list(range(len(rows))))
+    assert not count.stands
+    assert count.rate_hz == 10.0

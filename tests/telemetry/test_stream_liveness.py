@@ -26,11 +26,12 @@ def told(
     liveness = Liveness(StreamSettings())  # five periods, two seconds at the least
     turns: list[StreamChange] = []
     rx = np.maximum.accumulate([START_US + 1000 * m[2] for m in story]) if story else np.empty(0, np.int64)
+    heard = np.cumsum(np.minimum(np.diff(rx, prepend=rx[:1]), 1_000_000))  # a silence of everything counts for a second
     for lo, hi in pairwise([0, *cuts, len(story)]):
         if lo == hi:
             continue
         frame_index = np.arange(lo, hi)
-        clock = LinkClock(frame_index, rx[lo:hi])
+        clock = LinkClock(frame_index, rx[lo:hi], heard[lo:hi])
         mine = np.array([i for i in range(lo, hi) if story[i][0] != FOREIGN], np.int64)
         if len(mine):
             what = np.array([story[i][0] for i in mine])
@@ -41,6 +42,7 @@ def told(
                 stream=what,
                 t_boot_us=t_us,
                 t_rx_us=rx[mine],
+                heard_us=heard[mine],
                 period_us=period,
                 rx_period_us=period,
                 lost=np.zeros_like(mine),
@@ -129,6 +131,43 @@ def test_a_link_that_falls_silent_is_noticed_by_what_comes_next() -> None:
     assert told(story)[1].both_alive_us == 6_000_000
 
 
+@pytest.mark.parametrize("pause_ms", [3000, 10_000, 600_000])
+@pytest.mark.parametrize("first", [EULER, FOREIGN])
+def test_a_receiver_that_pauses_is_nobodys_silence(pause_ms: int, first: int) -> None:
+    """Nothing of anybody, and then the vehicle goes on 100 ms later by its own clock: no stream was silent."""
+    behind = [(what, t, t + pause_ms) for what, t, _ in both(5100, 9000)]
+    story = both(0, 5000) + [(first, 5050, 5050 + pause_ms)] + behind
+    turns, liveness = told(story)
+    assert [(turn.what, turn.t_boot_us) for turn in turns[2:]] == [("paused", 1000 * story[turns[2].frame_index][1])]
+    assert turns[2].silent_us == pytest.approx(1000 * pause_ms, abs=100_000)
+    assert liveness.both_alive_us == 9_000_000
+
+
+def test_half_of_a_silence_may_be_the_receivers() -> None:
+    """Ten seconds of nothing, in which the vehicle's clock went on by four: it was silent, and the receiver paused."""
+    behind = [(what, t, t + 6000) for what, t, _ in both(9000, 12_000)]
+    turns, _ = told(both(0, 5000) + behind)
+    whats = [turn.what for turn in turns[2:]]
+    assert whats == ["paused", "stale", "stale", "resumed", "resumed"]
+    assert turns[2].silent_us == 6_000_000
+
+
+def test_times_that_stand_still_are_none() -> None:
+    """Samples go on with the time of one moment: stale two seconds later, resumed when it goes on."""
+    stuck = [(what, 5000, t) for what, t, _ in both(5100, 12_000)]
+    turns, liveness = told(both(0, 5000) + stuck + both(12_100, 13_000))
+    assert [(turn.what, turn.stream, turn.t_boot_us // 1000) for turn in turns[2:]] == [
+        ("stands", EULER, 5000),
+        ("stands", QUATERNION, 5000),
+        ("resumed", EULER, 12_100),
+        ("resumed", QUATERNION, 12_100),
+    ]
+    assert [story_ms for turn in turns[2:4] for story_ms in [(both(0, 5000) + stuck)[turn.frame_index][2]]] == [
+        7100
+    ] * 2
+    assert liveness.both_alive_us == 5_900_000
+
+
 def test_samples_that_come_late_within_the_deadline_are_no_silence() -> None:
     """Reordered by 1.5 s: nobody was away."""
     story = both(0, 20_000)
@@ -148,15 +187,14 @@ def test_many_changes_in_one_batch_are_all_told() -> None:
 
 
 def test_before_its_deadline_nobody_need_ask() -> None:
-    """Time alone changes nothing until two seconds behind the last message, then until ten, and never again."""
+    """Time alone changes nothing until two seconds behind the last message, and then never again."""
     _, liveness = told(both(0, 5000))
-    for silent_us, what in ((2_000_000, "stale"), (10_000_000, "silent")):
-        due_us = START_US + 5_000_000 + silent_us + 1
-        assert liveness.due_us == due_us
-        at = np.array([1000])
-        assert list(liveness.pass_silence(LinkClock(at, np.array([due_us - 1])))) == []
-        changes = list(liveness.pass_silence(LinkClock(at, np.array([due_us]))))
-        assert [change.what for change in changes] == [what] * 2
+    due_us = 5_000_000 + 2_000_000 + 1
+    assert liveness.due_us == due_us
+    at = np.array([1000])
+    for heard_us, whats in ((due_us - 1, []), (due_us, ["stale"] * 2)):
+        passed = LinkClock(at, START_US + np.array([heard_us]), np.array([heard_us]))
+        assert [change.what for change in liveness.pass_silence(passed)] == whats
     assert liveness.due_us == NEVER_US
     assert told([])[1].due_us == NEVER_US
 
