@@ -20,6 +20,7 @@ from gcs_bridge.telemetry.samples import (
     ImuSamples,
     no_attitudes,
 )
+from gcs_bridge.telemetry.senders import SenderSign
 from gcs_bridge.telemetry.statements import Statement
 
 
@@ -87,11 +88,13 @@ class VehicleBatch:
     """What one batch brought of one vehicle: its boots in turn, clock changes, what it said of itself.
 
     `frame_index` are the indices of its frames, `heard` of those in the window. `counted` holds the receive times, µs,
-    of messages without a boot time of their own; `imu` and `secondary` what these carry.
+    of messages without a boot time of their own; `imu` and `secondary` what these carry; `senders` whether they are
+    one sender's.
     """
 
     frame_index: Int64s
     heard: Int64s
+    senders: list[SenderSign]
     segments: list[BootSegment]
     clock_changes: list[ClockChange]
     counted: dict[str, Int64s]

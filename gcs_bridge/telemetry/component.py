@@ -18,6 +18,7 @@ from gcs_bridge.telemetry.inertial import ImuReader
 from gcs_bridge.telemetry.messages import IMU_KINDS, KIND
 from gcs_bridge.telemetry.samples import AHRS2, IMU_MESSAGES, AttitudeSamples, ImuSamples
 from gcs_bridge.telemetry.secondary import Ahrs2Reader
+from gcs_bridge.telemetry.senders import Senders
 from gcs_bridge.telemetry.sorting import Share, SortedFrames
 from gcs_bridge.telemetry.statement_reader import StatementReader, autopilot_name, type_name
 from gcs_bridge.telemetry.stations import Heartbeats, Majority, is_vehicle
@@ -41,6 +42,7 @@ class VehicleReader:
         self._seen: tuple[int, int] | None = None
         self._standing: list[tuple[int, bool]] = []  # from which frame on it is a vehicle, or is none
         self._heartbeats = Heartbeats(dialect)
+        self._senders = Senders(dialect)
         self._said: Majority | None = None  # what most of its heartbeats say
         self._ardupilot_frame_index: int | None = None  # since when its IMU's numbers are ArduPilot's
         self._run = 0  # plausible attitudes in a row, as long as there are not enough of them
@@ -92,6 +94,7 @@ class VehicleReader:
         return VehicleBatch(
             frame_index=heard,
             heard=heard if batch.all_in_window else heard[batch.in_window[batch.arrival[share.start : share.end]]],
+            senders=self._senders.read(batch, share),
             segments=segments,
             clock_changes=changes,
             counted=counted,
