@@ -340,12 +340,12 @@ class StreamCheck(Check):
         )
 
     def _alarms_of_senders(self, identity: str) -> tuple[AlarmSpec, AlarmSpec]:
-        """Of SENDERS and of SEQUENCES: what has been seen time and again needs no further delay."""
+        """Of SENDERS and of VERSIONS: what has been seen time and again needs no further delay."""
         two = f"two senders use {identity}: clocks, attitudes or heartbeats of both come in turn"
-        beside = f"two senders use {identity}: beside the numbers of its frames others go on, under which no attitude comes"
+        beside = f"two senders use {identity}: MAVLink 1 and 2 come in turn, numbered apart, and one without an attitude"
         return (
             self._alarm_spec("senders", "alarm", two, self._at_once, unit="times"),
-            self._alarm_spec("sequences", "warning", beside, self._at_once, unit="times"),
+            self._alarm_spec("versions", "warning", beside, self._at_once, unit="times"),
         )
 
     def start_boot(self) -> None:

@@ -1,8 +1,9 @@
-"""Whether one sender uses an identity, or several: clocks, attitudes, heartbeats and sequences that alternate.
+"""Whether one sender uses an identity, or several: clocks, attitudes, heartbeats or versions that alternate.
 
 One sender goes on where it was. Where two send under one (system, component), the messages go back and forth between
 two of each, and *each goes on where it was left*. That, time and again, is the sign; a step, a reboot, frames that come
-late or are lost lead nowhere back. One vehicle that is heard twice has one clock and one attitude.
+late or are lost lead nowhere back. One vehicle that is heard twice has one clock and one attitude. Frames that are
+numbered apart are no sign by themselves: a vehicle numbers them apart on each of its ports.
 """
 
 from __future__ import annotations
@@ -48,13 +49,14 @@ _ATTITUDES, _CALM_ATTITUDES = 8, 20  # times back and forth, farther than shaken
 _CLEAN = 4  # so many times as often as to anywhere else
 
 _KINDS, _MODES = 4, 12  # heartbeats: times back and forth between two types or autopilots, between two modes
-_SEQUENCES = 40  # times back and forth between two sequences
-_LOST, _LATE = 8, 10  # frames of one sequence in a row that may be missing, and that may come late
+_VERSIONS = 20  # times back and forth between MAVLink 1 and 2, each numbered apart
+_LOST = 8  # frames in a row that may be missing
+_V1 = 0xFE
 
-SENDERS, SEQUENCES = range(2)  # what is told: two senders; a second sequence, under which no attitude comes
-_OF_CLOCKS, _OF_STEADY_CLOCKS, _OF_ATTITUDES, _OF_CALM_ATTITUDES, _OF_KINDS, _OF_MODES, _OF_SEQUENCES = range(7)
+SENDERS, VERSIONS = range(2)  # what is told: two senders; frames of another version, under which no attitude comes
+_OF_CLOCKS, _OF_STEADY_CLOCKS, _OF_ATTITUDES, _OF_CALM_ATTITUDES, _OF_KINDS, _OF_MODES, _OF_VERSIONS = range(7)
 _SIGNS = 7
-_NEEDED = np.array([_CLOCKS, _STEADY_CLOCKS, _ATTITUDES, _CALM_ATTITUDES, _KINDS, _MODES, _SEQUENCES])
+_NEEDED = np.array([_CLOCKS, _STEADY_CLOCKS, _ATTITUDES, _CALM_ATTITUDES, _KINDS, _MODES, _VERSIONS])
 # Without a sign for so long, those before count no more. Modes may be changed back and forth, but not with each beat.
 _IDLE_US = np.array([10_000_000, 10_000_000, 10_000_000, 10_000_000, 10_000_000, 2_500_000, 10_000_000])
 _LONG_AGO = -(2**62)
@@ -80,10 +82,10 @@ _STATE = np.dtype(
         # Heartbeats: the two last ones, and which of them came last; of their types, of their modes.
         ("said", "i8", (4,)),
         ("says", "i8", (2,)),
-        # Sequences: the two tracks, which goes on, and how many attitudes came under each.
+        # MAVLink 1 and 2: the last frame's number of each, which came last, and how many attitudes came in each.
         ("seq", "i8", (2,)),
-        ("seq_attitudes", "i8", (2,)),
-        ("sequence", "i8"),
+        ("attitudes", "i8", (2,)),
+        ("version", "i8"),
         # What was told.
         ("new", "i8", (2,)),
         ("told", "i8", (2,)),
@@ -93,7 +95,7 @@ _STATE = np.dtype(
 
 
 class SenderSign(NamedTuple):
-    """With a frame: how often it went back and forth (0: not any more), of SENDERS or of SEQUENCES."""
+    """With a frame: how often it went back and forth (0: not any more), of SENDERS or of VERSIONS."""
 
     frame_index: int
     what: int
@@ -110,7 +112,7 @@ def _count(state, sign):  # type: ignore[no-untyped-def]  # typed by numba
         state.times[sign] = state.misses[sign] = 0
     state.times[sign] += 1
     state.seen_us[sign] = state.now_us
-    state.new[1 if sign == _OF_SEQUENCES else 0] = 1
+    state.new[1 if sign == _OF_VERSIONS else 0] = 1
 
 
 @helper
@@ -234,23 +236,16 @@ def _follow_said(state, place, sign, said):  # type: ignore[no-untyped-def]  # t
 
 
 @helper
-def _follow_sequence(state, seq, attitude):  # type: ignore[no-untyped-def]  # typed by numba
-    """Take the next frame's number; `attitude`: whether it carries one."""
-    on = state.sequence
-    other = 1 - on
-    ahead = (seq - state.seq[on]) & 0xFF if state.seq[on] >= 0 else 1
-    behind = (seq - state.seq[other]) & 0xFF if state.seq[other] >= 0 else 0
-    if ahead == 0 or ahead >= 256 - _LATE:
-        return
-    if 1 <= behind <= 2 and not ahead <= min(behind, _LOST):
-        _count(state, _OF_SEQUENCES)
-        on = other
-    elif ahead > _LOST:
-        state.misses[_OF_SEQUENCES] += 1
-        on = other
-        state.seq_attitudes[on] = 0
-    state.sequence, state.seq[on] = on, seq
-    state.seq_attitudes[on] += attitude
+def _follow_version(state, version, seq, attitude):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take the next frame's version, 0 or 1, and number; `attitude`: whether it carries one."""
+    if version != state.version and state.seq[version] >= 0:
+        ahead, ahead_of_other = (seq - state.seq[version]) & 0xFF, (seq - state.seq[1 - version]) & 0xFF
+        if 0 < ahead <= _LOST and not 0 < ahead_of_other <= _LOST:
+            _count(state, _OF_VERSIONS)
+        else:
+            state.misses[_OF_VERSIONS] += 1
+    state.version, state.seq[version] = version, seq
+    state.attitudes[version] += attitude
 
 
 @helper
@@ -258,11 +253,20 @@ def _stands(state, sign):  # type: ignore[no-untyped-def]  # typed by numba
     """Whether a sign was seen often enough, of late."""
     if state.times[sign] < _NEEDED[sign] or abs(state.now_us - state.seen_us[sign]) > _IDLE_US[sign]:
         return False
-    if sign == _OF_SEQUENCES:
-        a, b = state.seq_attitudes
-        if min(a, b) > 0 or max(a, b) == 0:
+    if sign == _OF_VERSIONS:
+        first, second = state.attitudes
+        if (first > 0) == (second > 0):
             return False
     return state.times[sign] >= _CLEAN * state.misses[sign]
+
+
+@helper
+def _version(frame, buffer):  # type: ignore[no-untyped-def]  # typed by numba
+    """0 of a frame of MAVLink 1, 1 of MAVLink 2: the latter's header is longer, and numbered at another place."""
+    if frame.payload < 6 or buffer[frame.payload - 6] != _V1:
+        return 1
+    is_first = buffer[frame.payload - 4] == frame.seq and buffer[frame.payload - 3] == frame.sysid
+    return 0 if is_first and buffer[frame.payload - 2] == frame.compid else 1
 
 
 @helper
@@ -270,7 +274,7 @@ def _tell(state, what, frame_index, signs, n):  # type: ignore[no-untyped-def]  
     """Put down what is to be told with an attitude's frame; how many signs there are then."""
     times = 0
     for sign in range(_SIGNS):
-        if (sign == _OF_SEQUENCES) == (what == 1) and _stands(state, sign):
+        if (sign == _OF_VERSIONS) == (what == 1) and _stands(state, sign):
             times = max(times, state.times[sign])
     if times:
         state.told[what], state.calm_us[what] = 1, -1
@@ -311,7 +315,7 @@ def _follow(
         frame, what = frames[row], np.int64(kind[row])
         is_attitude = what == _EULER or what == _QUATERNION
         state.now_us = frame.t_rx_us if frame.t_rx_us >= 0 else state.latest_ms * 1000
-        _follow_sequence(state, np.int64(frame.seq), np.int64(is_attitude))
+        _follow_version(state, _version(frame, buffer), np.int64(frame.seq), np.int64(is_attitude))
         if not (is_attitude or what == _TIME or what == _BEAT):
             continue
         payload = (buffer, np.int64(frame.payload), np.int64(frame.length))
@@ -338,7 +342,7 @@ def _follow(
         if np.isfinite(size) and size > 0.25 and np.isfinite(length(w)):
             _follow_attitude(state, tracks, what, q, w, ms)
         n = _tell(state, SENDERS, first + row, signs, n)
-        n = _tell(state, SEQUENCES, first + row, signs, n)
+        n = _tell(state, VERSIONS, first + row, signs, n)
     return n
 
 
