@@ -88,9 +88,8 @@ def test_two_vehicles_that_fly(hz: tuple[float, float], apart_ms: int) -> None:
              first_seq=100 * seed, late_s=0.003 * seed)
         for seed in (0, 1)
     ]  # fmt: skip
-    verdict, said, boots = judged(together(*flights))
+    verdict, said, _ = judged(together(*flights))
     assert (verdict, bool(said)) == ("alarm", True)
-    assert boots <= 2
 
 
 @pytest.mark.parametrize("apart_ms", [30_000, 3_600_000])
@@ -98,9 +97,8 @@ def test_two_clocks_of_one_attitude(apart_ms: int) -> None:
     """Two copies of one simulation, say: nothing but the clocks tells them apart."""
     motion = wire.Motion(31, seed=5)
     flights = [sent(motion, euler_hz=10.0, quaternion_hz=10.0, boot_ms=10_000 + k * apart_ms) for k in (0, 1)]
-    verdict, said, boots = judged(together(*flights))
+    verdict, said, _ = judged(together(*flights))
     assert (verdict, bool(said)) == ("alarm", True)
-    assert boots <= 2
 
 
 @pytest.mark.parametrize(
