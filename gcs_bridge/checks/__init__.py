@@ -20,8 +20,11 @@ from gcs_bridge.settings import Settings
 __all__ = ["all_checks"]
 
 
-def all_checks(settings: Settings) -> list[Check]:
-    """Every check that there is, for one vehicle, in the order in which reports list them."""
+def all_checks(settings: Settings, address: tuple[int, int] | None = None) -> list[Check]:
+    """Every check that there is, for one vehicle, in the order in which reports list them.
+
+    `address`: its system and component, for alarms that name them.
+    """
     delays = settings.alarm
     return [
         EulerQuaternion(settings.euler_quaternion, delays),
@@ -32,5 +35,5 @@ def all_checks(settings: Settings) -> list[Check]:
         Gravity(settings.gravity, delays),
         MagHeading(settings.mag_heading),
         SecondaryEstimate(settings.secondary_estimate, delays, settings.alignment),
-        StreamCheck(settings.stream, delays),
+        StreamCheck(settings.stream, delays, address),
     ]

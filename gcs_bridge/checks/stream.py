@@ -14,6 +14,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
+from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.votes import Ballot, Votes, vote
 from gcs_bridge.attitude.quaternion import angle_of, conjugated, product
@@ -25,6 +26,7 @@ from gcs_bridge.settings import AlarmSettings, StreamSettings
 from gcs_bridge.telemetry.heard import HeardFrames
 from gcs_bridge.telemetry.rate_requests import Address, RateChange, RateRequest
 from gcs_bridge.telemetry.samples import STREAMS
+from gcs_bridge.telemetry.senders import SenderSign
 from gcs_bridge.telemetry.stream_liveness import OTHER
 
 _WINDOWS = 24  # of the own rate, whose median is the usual one
@@ -391,8 +393,8 @@ class StreamCheck(Check):
     not_a_sign_of: ClassVar[str] = "not the attitude itself: what does not come, or stands still, tells nothing of it"
     ok_text: ClassVar[str] = "both streams came steadily"
 
-    def __init__(self, settings: StreamSettings, delays: AlarmSettings) -> None:
-        """Start with nothing judged."""
+    def __init__(self, settings: StreamSettings, delays: AlarmSettings, address: tuple[int, int] | None = None) -> None:
+        """Start with nothing judged; `address`: system and component of the vehicle, for the words of its alarms."""
         super().__init__()
         self._settings = settings
         self._delays = delays
@@ -401,7 +403,8 @@ class StreamCheck(Check):
         self._stood = False  # whether the clock stood still
         self._at_odds: set[tuple[Address, Address]] = set()  # stations that undo each other's rates
         self._alarms = tuple(self._alarms_of(name) for name in STREAMS)
-        self.alarm_specs = tuple(spec for alarms in self._alarms for spec in alarms)
+        self._sender_alarms = self._alarms_of_senders("one identity" if address is None else "{},{}".format(*address))
+        self.alarm_specs = *(spec for alarms in self._alarms for spec in alarms), *self._sender_alarms
         self._start()
 
     def _alarms_of(self, name: str) -> _StreamAlarms:
@@ -416,6 +419,17 @@ class StreamCheck(Check):
                 f"{name} invalid", "alarm", f"{name} carries NaN or infinity", self._delays, unit="1"
             ),
             slow=self._alarm_spec(f"{name} slow", "warning", slow, at_once, unit="1"),
+        )
+
+    def _alarms_of_senders(self, identity: str) -> tuple[AlarmSpec, AlarmSpec]:
+        """Of SENDERS and of VERSIONS: what has been seen time and again needs no further delay."""
+        two = f"two senders use {identity}: clocks, attitudes or heartbeats of both come in turn"
+        beside = (
+            f"two senders use {identity}: MAVLink 1 and 2 come in turn, numbered apart, and one without an attitude"
+        )
+        return (
+            self._alarm_spec("senders", "alarm", two, self._at_once, unit="times"),
+            self._alarm_spec("versions", "warning", beside, self._at_once, unit="times"),
         )
 
     def start_boot(self) -> None:
@@ -487,6 +501,24 @@ class StreamCheck(Check):
             for one, other in sorted(self._at_odds)
         ]
         return "; ".join(said) or None
+
+    def senders(self, signs: list[SenderSign], frame_index: Int64s, t_boot_us: Int64s, ballot: Ballot) -> None:
+        """Rate signs of more than one sender, each with a message's frame (n,) and boot time (n,)."""
+        for sign, at, t_us in zip(signs, frame_index.tolist(), t_boot_us.tolist(), strict=True):
+            times = np.array([float(sign.times)])
+            never = np.zeros(1, np.bool_)
+            ballot.rate(
+                self._sender_alarms[sign.what],
+                Rated(
+                    frame_index=np.array([at]),
+                    t_boot_us=np.array([t_us]),
+                    value=times,
+                    limit=np.array([0.5]),
+                    bad=times > 0.5,
+                    low=never,
+                    detail=np.array([NO_DETAIL]),
+                ),
+            )
 
     def _follow(self, messages: Messages, heard: HeardFrames, wishes: list[RateRequest], ballot: Ballot) -> None:
         n = len(messages.t_us)

@@ -25,6 +25,7 @@ from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.rate_requests import RateRequest, asks, rate_requests
+from gcs_bridge.telemetry.roster import Roster
 from gcs_bridge.telemetry.sorting import FrameSorter, Share, SortedFrames
 from gcs_bridge.telemetry.vehicle_presence import Presence
 
@@ -137,6 +138,8 @@ class LinkVehicle:
 
 
 _NO_FRAMES: Int64s = np.empty(0, np.int64)
+MOST_OTHERS = 100  # that the report lists; all are counted
+LEAST_COPIED, COPIED_SHARE = 20, 0.9  # frames, and of the copies that there would be, for each to come so often
 
 
 class Link:
@@ -151,6 +154,7 @@ class Link:
         self._number = number
         self.is_open = True
         self._sorter = FrameSorter(judged.dialect, judged.sysid, judged.window_s)
+        self._roster = Roster(judged.dialect)
         self._vehicles: dict[tuple[int, int], LinkVehicle] = {}
         self._paused_us = -1  # until when the last pause of the receiver was that was told of
         self._due_us = np.empty(0, np.int64)  # of each of them, when time alone may change something
@@ -237,15 +241,39 @@ class Link:
             if vehicle.reader.is_vehicle
         ]
         salvage = self._scanner.salvage
+        listed = {(vehicle.sysid, vehicle.compid) for vehicle in vehicles}
+        others = [one for one in self._roster.heard() if one.address not in listed]
+        most = sorted(others, key=lambda one: -one.frames)[:MOST_OTHERS]
         return schema.File(
             path=readable(name),
             bytes=salvage.bytes,
             verdict=worst_verdict(vehicle.verdict for vehicle in vehicles),
-            salvage=salvage_entry(salvage),
+            salvage=salvage_entry(salvage, self._remarks(salvage)),
             vehicles=tuple(vehicles),
+            others=tuple(schema.Station(**one._asdict()) for one in sorted(most)),
+            other_count=len(others),
         )
 
+    def _remarks(self, salvage: Salvage) -> Iterator[str]:
+        """What there is to say of how the bytes came."""
+        if salvage.line_ends is not None:
+            yield (
+                f"a text conversion has turned {salvage.line_ends} in it, as if this were text: what that broke is lost; "
+                "copy it anew as binary"
+            )
+        for _, vehicle in sorted(self._vehicles.items()):
+            if vehicle.reader.is_vehicle:
+                repeated = self._scanner.repeated(*vehicle.reader.vehicle.address)
+                told = copies(vehicle.reader.received, repeated)
+                if told is not None:
+                    yield f"{told}, by {{}},{{}}: it counts once".format(*vehicle.reader.vehicle.address)
+        wanted = self._judged.sysid
+        if wanted is not None and all(one.sysid != wanted for one in self._roster.heard()):
+            present = sorted({one.sysid for one in self._roster.heard()})
+            yield f"system {wanted} was not heard; there are {', '.join(map(str, present)) or 'none'}"
+
     def _judge(self, batch: SortedFrames) -> list[Notice]:
+        self._roster.note(batch.buffer, batch.frames)
         return self._tell_pauses_once(list(self._judge_batch(batch)), batch.clock)
 
     def _tell_pauses_once(self, notices: list[Notice], clock: LinkClock) -> list[Notice]:
@@ -298,7 +326,19 @@ def events_of(notices: Iterable[Notice]) -> list[Event]:
     return [notice.event for notice in in_order(notices)]
 
 
-def salvage_entry(salvage: Salvage) -> schema.Salvage:
+def copies(received: int, repeated: int) -> str | None:
+    """How often each frame of a component came, as far as that is so: `repeated` frames beside those `received`.
+
+    >>> copies(1000, 998), copies(1000, 2000), copies(1000, 3), copies(4, 4)
+    ('each frame came twice', 'each frame came 3 times', None, None)
+    """
+    times = round(1 + repeated / received) if received else 1
+    if received < LEAST_COPIED or times < 2 or 1 + repeated / received < COPIED_SHARE * times:
+        return None
+    return "each frame came twice" if times == 2 else f"each frame came {times} times"
+
+
+def salvage_entry(salvage: Salvage, remarks: Iterable[str] = ()) -> schema.Salvage:
     """What was read of a link or file and what was not, for the report."""
     return schema.Salvage(
         frames=salvage.frames,
@@ -310,6 +350,7 @@ def salvage_entry(salvage: Salvage) -> schema.Salvage:
         duplicates=salvage.duplicates,
         bad_times=salvage.bad_times,
         read_fraction=salvage.read_fraction,
+        remarks=tuple(remarks),
         gap_count=salvage.gap_count,
         gaps=tuple(schema.Gap(offset=offset, bytes=length) for offset, length in salvage.gaps),
     )

@@ -49,6 +49,7 @@ from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.rate_requests import RateRequest, RateWishes
 from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples
+from gcs_bridge.telemetry.senders import SenderSign
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
 from gcs_bridge.telemetry.stillness import Stillness
 from gcs_bridge.telemetry.stream_counts import StreamCount
@@ -72,7 +73,7 @@ class VehicleJudge:
         self._resets: list[schema.EstimatorReset] = []
         self._boot: Boot | None = None
         self._both_alive_us = 0
-        self._checks = all_checks(settings)
+        self._checks = all_checks(settings, vehicle.address)
         self._euler_quaternion = next(check for check in self._checks if isinstance(check, EulerQuaternion))
         self._stream_check = next(check for check in self._checks if isinstance(check, StreamCheck))
         self.alarm_manager = AlarmManager(
@@ -80,6 +81,7 @@ class VehicleJudge:
         )
         self._expected = Expected()
         self._news: list[Statement] = []  # that came behind the last message with a time
+        self._signs: list[SenderSign] = []  # the same
         self._statements = Statements()
         self._stillness = Stillness(settings.gravity)
         self._trims = TrimsInForce()
@@ -101,6 +103,7 @@ class VehicleJudge:
         for name, t_rx_us in batch.counted.items():
             self._stream(name).add(t_rx_us)
         self._hear(batch, link)
+        self._signs = [*self._signs, *batch.senders][-_MOST_NEWS:]
         for change in batch.clock_changes:
             yield clock_notice(self.vehicle, change)
         yield from self._hear_wishes(batch, requests)
@@ -343,6 +346,8 @@ class VehicleJudge:
         self.alarm_manager.begin(signals, link)
         for check in self._checks:
             check.judge(flight, self.alarm_manager.ballot)
+        if self._signs and len(segment.frame_index):
+            self._rate_senders(segment)
         yield from breaks(self.vehicle, boot.index, self._checks, link)
         found = self._euler_quaternion.found
         assert found is not None
@@ -372,6 +377,13 @@ class VehicleJudge:
                     notices=tuple(in_order(told_of)),
                 )
             )
+
+    def _rate_senders(self, segment: BootSegment) -> None:
+        """Rate the signs of more than one sender up to the segment's last message, each with the next message."""
+        told = [sign for sign in self._signs if sign.frame_index <= segment.frame_index[-1]]
+        self._signs = self._signs[len(told) :]
+        rows = np.searchsorted(segment.frame_index, [sign.frame_index for sign in told])
+        self._stream_check.senders(told, segment.frame_index[rows], segment.t_boot_us[rows], self.alarm_manager.ballot)
 
     def _ask(self, boot: Boot, moment: AlarmTransition, link: LinkClock) -> Iterator[Notice]:
         """Ask the doctor about an alarm that is raised, or goes."""

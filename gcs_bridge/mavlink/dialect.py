@@ -39,18 +39,20 @@ _WIRE_TYPES = {
 
 
 WITHIN, FIELD_END, BEYOND = 0, 1, 2
+_STAMPS = ("time_boot_ms", "time_usec")
 
 
 class Tables(NamedTuple):
     """The dialect as arrays, for the scan kernel: `row_of_id[msgid]` (−1: unknown), then one row a message.
 
     `field_end[row, length]` tells whether a payload cut to `length` ends WITHIN a field, at a FIELD_END, or BEYOND
-    the last one.
+    the last one; `stamped[row]` whether the sender's time is in the message, so that no two of them are alike.
     """
 
     row_of_id: npt.NDArray[np.int16]
     crc_extra: npt.NDArray[np.uint8]
     field_end: npt.NDArray[np.uint8]
+    stamped: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,8 @@ class Dialect:
         ends = [told.ends for told in self._definitions.values()]
         field_end = np.where(np.arange(256) < sizes[:, None], WITHIN, BEYOND).astype(np.uint8)
         field_end[np.repeat(np.arange(len(ends)), list(map(len, ends))), list(chain(*ends))] = FIELD_END
-        self.tables = Tables(row_of_id, seeds, field_end)
+        stamped = [any(field[0] in _STAMPS for field in told.fields) for told in self._definitions.values()]
+        self.tables = Tables(row_of_id, seeds, field_end, np.array(stamped))
 
     def __contains__(self, name: str) -> bool:
         return name in self._definitions

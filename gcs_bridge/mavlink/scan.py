@@ -7,7 +7,9 @@ The rules, in the order in which they decide:
 
 1. Where a frame is due (behind the one before), it is taken if its checksum holds.
 2. A due frame that can't be checked (unknown id, unknown incompatibility flag) or fails is stepped over as a whole only
-   if another frame starts where its length says. It is counted; what could not be checked is kept apart.
+   if another frame starts where its length says, and none with a right checksum lies within. It is counted; what could
+   not be checked is kept apart. A recorder that does not check either takes noise for such a frame, and what came behind
+   it as its payload: real frames, which have no times of their own then.
 3. Otherwise the bytes from there on are a gap, and the next frame with a right checksum ends it; in a recording only
    if the eight bytes before it can be its time, or another record follows it, as 16 bits of checksum alone accept one
    false frame in some 20 MB of noise.
@@ -55,7 +57,15 @@ _HABIT = 3  # so many repaired frames show that a recorder cuts zeros behind the
 # Slots of `Scanner._counts`, the kernel's counters and state that outlive a call.
 _CRC_FAILED, _REPAIRED, _UNVERIFIED, _SIGNED_FRAMES, _DUPLICATES, _BAD_TIMES = range(6)
 _GAP_START, _LAST_TIME, _COMPONENTS, _CURSOR = 6, 7, 8, 9
-_COUNTS = 10
+_INSIDE_UNTIL, _INSIDE_TIME = (
+    10,
+    11,
+)  # offset up to which a frame that can't be checked reaches that hides others; its time
+_LINE_FEEDS, _CR_LINE_FEEDS, _CR_MISSING = 12, 13, 14  # in gaps; there behind a CR; frames that one CR would mend
+_COUNTS = 15
+_LF, _CR = 0x0A, 0x0D
+_COPY_US = 1_000_000  # so long behind a frame it may come again
+_PLACES = 4  # in which one of `stamped_hash` may be
 _SLOTS = 256  # components whose sequence and repetitions are followed; those beyond share the last slot, unfollowed
 
 
@@ -68,6 +78,11 @@ class Components(NamedTuple):
     lost: npt.NDArray[np.int64]
     seen_hash: Annotated[npt.NDArray[np.uint64], 2]  # (slot, seq): the last frame with this sequence number
     seen_us: Annotated[npt.NDArray[np.int64], 2]
+    # Where the number stands still: (slot, eight bits of the hash), the last frame with a time in it.
+    stamped_hash: Annotated[npt.NDArray[np.uint64], 2]
+    stamped_us: Annotated[npt.NDArray[np.int64], 2]
+    stands: npt.NDArray[np.int16]  # whether it does: different frames came with the same number
+    repeated: npt.NDArray[np.int64]  # frames that had come before
 
 
 def _crc_tables() -> npt.NDArray[np.uint16]:
@@ -223,17 +238,44 @@ def _follows(buf, end, n, final, timed, time, last_time, row_of_id):  # type: ig
 
 @helper
 def _hides_a_frame(buf, start, end, timed, last_time, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # typed by numba
-    """Whether a good frame lies within the bytes that a failed frame's length claims: then the length is wrong."""
+    """Whether a good frame lies within the bytes that a frame's length claims: then the length is wrong.
+
+    `timed`: only one with a time near the last one is, as what fails claims its length with more right than noise does.
+    """
     for at in range(start + 1, end):
-        what, _, _, _ = _look(buf, at, end, row_of_id, crc_extra)
-        if what == _GOOD and (not timed or (at - 8 > start and _near(_time(buf, at - 8), last_time))):
-            return True
+        if buf[at] == _V1 or buf[at] == _V2:
+            what, _, _, _ = _look(buf, at, end, row_of_id, crc_extra)
+            if what == _GOOD and (not timed or (at - 8 > start and _near(_time(buf, at - 8), last_time))):
+                return True
     return False
 
 
 @helper
+def _lacks_a_return(buf, at, header, msgid, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether a frame that fails passes with a CR put back before one of its LFs."""
+    end = at + header + np.int64(buf[at + 1]) - 1  # it is one byte shorter than its length says
+    for lf in range(at + 1, end):
+        if buf[lf] == _LF:
+            crc = crc_with_byte(crc_of(buf, at + 1, lf, np.int64(0xFFFF)), np.int64(_CR))
+            crc = crc_with_byte(crc_of(buf, lf, end, crc), np.int64(crc_extra[row_of_id[msgid]]))
+            if crc == integer_at(buf, end, 2):
+                return True
+    return False
+
+
+@helper
+def _pass_byte(buf, at, first, counts):  # type: ignore[no-untyped-def]  # typed by numba
+    """Count the line feeds among the bytes of a gap, whose first one was at `first`."""
+    if buf[at] == _LF:
+        counts[_LINE_FEEDS] += 1
+        counts[_CR_LINE_FEEDS] += at > first and buf[at - 1] == _CR
+
+
+@helper
 def _digest(buf, start, stop, digest):  # type: ignore[no-untyped-def]  # typed by numba
-    """A 64-bit hash of the bytes and of what `digest` was, eight bytes at a time."""
+    """A 64-bit hash of the bytes and of what `digest` was, eight bytes at a time; zeros at the end don't count."""
+    while stop > start and buf[stop - 1] == 0:  # they are cut off in one version of MAVLink, and not in the other
+        stop -= 1
     odd = np.uint64(0x9E3779B97F4A7C15)
     for i in range(start, stop, 8):
         word = np.uint64(min(stop - i, 8))
@@ -245,27 +287,58 @@ def _digest(buf, start, stop, digest):  # type: ignore[no-untyped-def]  # typed 
 
 
 @helper
-def _admit(frame, components, counts, buf, time):  # type: ignore[no-untyped-def]  # typed by numba
-    """Follow the sequence of the frame's component: losses, and repetitions of the same frame within a second."""
-    slot, last_seq, late_seq, lost, seen_hash, seen_us = components
+def _stamped_again(components, mine, digest, seq, time):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether a frame that has a time in it came with this digest and number within a second; now it did."""
+    hashes, times_us = components.stamped_hash, components.stamped_us
+    digest ^= np.uint64(seq) << np.uint64(48)
+    place = np.int64(digest >> np.uint64(56)) // _PLACES * _PLACES
+    oldest = place
+    for at in range(place, place + _PLACES):
+        if hashes[mine, at] == digest and times_us[mine, at] >= 0:
+            again = abs(time - times_us[mine, at]) <= _COPY_US
+            times_us[mine, at] = time
+            return again
+        if times_us[mine, at] < times_us[mine, oldest]:
+            oldest = at
+    hashes[mine, oldest], times_us[mine, oldest] = digest, time
+    return False
+
+
+@helper
+def _admit(frame, components, counts, buf, time, row_of_id, stamped):  # type: ignore[no-untyped-def]  # typed by numba
+    """Follow the sequence of the frame's component: losses, and repetitions of the same frame within a second.
+
+    Under a number that stands still a frame that says the same may be a new one, unless a time is in it (`stamped`, by the message's row).
+    """
     key = np.int64(frame.sysid) * 256 + np.int64(frame.compid)
-    mine = np.int64(slot[key])
+    mine = np.int64(components.slot[key])
     if mine < 0:
         mine = min(np.int64(counts[_COMPONENTS]), np.int64(_SLOTS - 1))
-        slot[key] = mine
+        components.slot[key] = mine
         counts[_COMPONENTS] = min(counts[_COMPONENTS] + 1, _SLOTS - 1)
     frame.duplicate = 0
     frame.lost = 0
     if mine == _SLOTS - 1:
         return
+    last_seq, late_seq, lost = components.last_seq, components.late_seq, components.lost
+    seen_hash, seen_us = components.seen_hash, components.seen_us
     digest = _digest(buf, frame.payload, frame.payload + frame.length, np.uint64(frame.msgid))
     seq = np.int64(frame.seq)
-    if seen_hash[mine, seq] == digest and abs(time - seen_us[mine, seq]) <= 1_000_000 and seen_us[mine, seq] >= 0:
-        frame.duplicate = 1
-        counts[_DUPLICATES] += frame.verified
+    again = False
+    if seen_hash[mine, seq] == digest:
+        again = abs(time - seen_us[mine, seq]) <= _COPY_US and seen_us[mine, seq] >= 0
+    elif seq == last_seq[mine]:
+        components.stands[mine] = 1
     seen_hash[mine, seq] = digest
     seen_us[mine, seq] = time
-    if not frame.duplicate:
+    if components.stands[mine]:
+        again = frame.verified and stamped[row_of_id[frame.msgid]]
+        again = again and _stamped_again(components, mine, digest, seq, time)
+    if again:
+        frame.duplicate = 1
+        components.repeated[mine] += 1
+        counts[_DUPLICATES] += frame.verified
+    else:
         ahead = (seq - last_seq[mine]) & 0xFF
         if last_seq[mine] < 0:
             last_seq[mine] = seq
@@ -273,6 +346,7 @@ def _admit(frame, components, counts, buf, time):  # type: ignore[no-untyped-def
             lost[mine] += ahead - 1
             last_seq[mine] = seq
             late_seq[mine] = _NO_SEQ
+            components.stands[mine] = 0
         elif ahead > 246:
             lost[mine] = max(lost[mine] - 1, np.int64(0))  # one of the last ten, counted as lost and now come late
         elif ahead and late_seq[mine] >= 0 and seq == (late_seq[mine] + 1) & 0xFF:
@@ -294,6 +368,7 @@ def _scan_chunk(  # type: ignore[no-untyped-def]  # typed by numba
     row_of_id,
     crc_extra,
     field_end,
+    stamped,
     counts,
     components,
     frames,
@@ -308,6 +383,11 @@ def _scan_chunk(  # type: ignore[no-untyped-def]  # typed by numba
         in_gap = gap_start >= 0
         last_time = counts[_LAST_TIME]
         start = at + 8 if timed and not in_gap else at
+        if in_gap:
+            while start < n and buf[start] != _V1 and buf[start] != _V2:
+                _pass_byte(buf, start, gap_start - base, counts)
+                start += 1
+            at = start
         if start >= n:
             break
         what, header, whole, msgid = _look(buf, start, n, row_of_id, crc_extra)
@@ -317,9 +397,12 @@ def _scan_chunk(  # type: ignore[no-untyped-def]  # typed by numba
         time = t_rx_us
         if timed:
             time = _time(buf, start - 8) if not in_gap or start - 8 >= gap_start - base else np.int64(_NO_TIME)
+        inside = timed and in_gap and base + start < counts[_INSIDE_UNTIL]
+        if inside and not _near(time, counts[_INSIDE_TIME]):
+            time = counts[_INSIDE_TIME]
         taken = what == _GOOD
         repaired = False
-        if taken and in_gap and timed and (time < 0 or (last_time >= 0 and not _near(time, last_time))):
+        if taken and in_gap and timed and not inside and (time < 0 or (last_time >= 0 and not _near(time, last_time))):
             follows = _follows(buf, end, n, final, timed, time, last_time, row_of_id)
             if follows < 0:
                 break
@@ -328,11 +411,15 @@ def _scan_chunk(  # type: ignore[no-untyped-def]  # typed by numba
             follows = _follows(buf, end, n, final, timed, time, last_time, row_of_id)
             if follows < 0:
                 break
-            # Within a stream's unknown frame another may rightly lie, as its payload.
-            looks_inside = follows == 1 and (timed or what == _BAD_CRC)
-            if looks_inside and _hides_a_frame(buf, start, end, timed, last_time, row_of_id, crc_extra):
+            if follows == 1 and _hides_a_frame(
+                buf, start, end, timed and what == _BAD_CRC, last_time, row_of_id, crc_extra
+            ):
                 counts[_GAP_START] = base + at
+                if what == _UNKNOWN:
+                    counts[_INSIDE_UNTIL], counts[_INSIDE_TIME] = base + end, time
                 continue
+            if not follows and what == _BAD_CRC:
+                counts[_CR_MISSING] += _lacks_a_return(buf, start, header, msgid, row_of_id, crc_extra)
             if follows == 1 and what == _BAD_CRC and field_end[row_of_id[msgid], buf[start + 1]] != BEYOND:
                 repaired = _zero_padded(
                     buf, start, header, msgid, row_of_id, crc_extra, field_end, counts[_REPAIRED] >= _HABIT
@@ -347,6 +434,7 @@ def _scan_chunk(  # type: ignore[no-untyped-def]  # typed by numba
             taken = repaired or (follows == 1 and what == _UNKNOWN)
         if not taken:
             if in_gap:
+                _pass_byte(buf, at, gap_start - base, counts)
                 at += 1
             else:
                 counts[_GAP_START] = base + at
@@ -397,7 +485,7 @@ def _scan_chunk(  # type: ignore[no-untyped-def]  # typed by numba
             counts[_REPAIRED] += 1
         if header == 10 and buf[start + 2] & _SIGNED:
             counts[_SIGNED_FRAMES] += 1
-        _admit(frame, components, counts, buf, time)
+        _admit(frame, components, counts, buf, time, row_of_id, stamped)
         n_frames += 1
         at = end
     if final:
@@ -424,6 +512,7 @@ def scan_kernel(
     row_of_id: npt.NDArray[np.int16],
     crc_extra: npt.NDArray[np.uint8],
     field_end: Annotated[npt.NDArray[np.uint8], 2],
+    stamped: npt.NDArray[np.bool_],
     counts: npt.NDArray[np.int64],
     components: Components,
     frames: Frames,
@@ -447,6 +536,7 @@ def scan_kernel(
             row_of_id,
             crc_extra,
             field_end,
+            stamped,
             counts,
             components,
             frames,

@@ -16,11 +16,14 @@ from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import (
     _BAD_TIMES,
     _COUNTS,
+    _CR_LINE_FEEDS,
+    _CR_MISSING,
     _CRC_FAILED,
     _CURSOR,
     _DUPLICATES,
     _GAP_START,
     _LAST_TIME,
+    _LINE_FEEDS,
     _NO_SEQ,
     _REPAIRED,
     _SIGNED,
@@ -38,7 +41,10 @@ from gcs_bridge.mavlink.scan import (
 
 @dataclass(kw_only=True)
 class Salvage:
-    """What a link or file yielded, and what it lost; `gaps` keeps the first hundred (offset, bytes)."""
+    """What a link or file yielded, and what it lost; `gaps` keeps the first hundred (offset, bytes).
+
+    Of the LFs in gaps, and those behind a CR, and of bad frames that one CR more would mend: what turned line ends does.
+    """
 
     bytes: int = 0
     frames: int = 0
@@ -49,6 +55,9 @@ class Salvage:
     signed: int = 0
     duplicates: int = 0
     bad_times: int = 0
+    line_feeds: int = 0
+    cr_line_feeds: int = 0
+    cr_missing: int = 0
     gap_count: int = 0
     gaps: list[tuple[int, int]] = field(default_factory=list)
     _gap_end: int = -1
@@ -67,12 +76,23 @@ class Salvage:
         self._gap_end = offset + length
 
     @property
+    def line_ends(self) -> str | None:
+        """Which line ends were turned into others, as if this were text; None: there is no sign of it."""
+        if self.line_feeds >= _LEAST_ENDS and self.cr_line_feeds >= _ENDS_SHARE * self.line_feeds:
+            return "LF into CR LF"
+        if self.cr_missing >= _LEAST_MENDED:
+            return "CR LF into LF"
+        return None
+
+    @property
     def read_fraction(self) -> float | None:
         """Share of the bytes that were read, None before the first byte."""
         return 1.0 - self.skipped_bytes / self.bytes if self.bytes else None
 
 
 MAX_GAPS = 100
+# In noise one LF in 256 stands behind a CR, and a bad frame is mended by a CR with a chance of one in thousands.
+_LEAST_ENDS, _ENDS_SHARE, _LEAST_MENDED = 10, 0.95, 3
 
 
 class RawFrame(NamedTuple):
@@ -116,6 +136,10 @@ class Scanner:
             lost=np.zeros(_SLOTS, np.int64),
             seen_hash=np.zeros((_SLOTS, 256), np.uint64),
             seen_us=np.full((_SLOTS, 256), -1, np.int64),
+            stamped_hash=np.zeros((_SLOTS, 256), np.uint64),
+            stamped_us=np.full((_SLOTS, 256), -1, np.int64),
+            stands=np.zeros(_SLOTS, np.int16),
+            repeated=np.zeros(_SLOTS, np.int64),
         )
 
     @property
@@ -148,8 +172,10 @@ class Scanner:
         """
         counts, salvage = self._counts, self._salvage
         keep = int(counts[_CURSOR]) - self._base
-        if self._timed and counts[_GAP_START] >= 0:
-            keep = max(keep - 8, 0)  # the bytes before a frame found in a gap may be its time
+        if counts[_GAP_START] >= 0:
+            keep = max(
+                keep - 8, 0
+            )  # the bytes before a frame found in a gap may be its time, and tell what a gap is of
         rest = self.buffer.size - keep
         buffer = np.empty(rest + data.size, np.uint8)
         buffer[:rest] = self.buffer[keep:]
@@ -182,6 +208,11 @@ class Scanner:
             salvage.add_gap(offset, length)
         return verified
 
+    def repeated(self, sysid: int, compid: int) -> int:
+        """How many frames of a component had come before."""
+        mine = int(self._components.slot[sysid * 256 + compid])
+        return 0 if mine < 0 else int(self._components.repeated[mine])
+
     def raw_frames(self) -> list[RawFrame]:
         """The frames of the last call, those of unknown ids included, byte for byte as they came."""
         frames = self.all_frames
@@ -202,4 +233,7 @@ _COUNTERS = (
     (_SIGNED_FRAMES, "signed"),
     (_DUPLICATES, "duplicates"),
     (_BAD_TIMES, "bad_times"),
+    (_LINE_FEEDS, "line_feeds"),
+    (_CR_LINE_FEEDS, "cr_line_feeds"),
+    (_CR_MISSING, "cr_missing"),
 )

@@ -8,7 +8,18 @@ from msgspec import Meta, Struct
 
 from gcs_bridge.contract import Alarm, BootIndex, Distribution, ExplainedBy, Stream
 
-__all__ = ["Boot", "Check", "CheckVerdict", "EstimatorReset", "File", "Gap", "Salvage", "Vehicle", "Verdict"]
+__all__ = [
+    "Boot",
+    "Check",
+    "CheckVerdict",
+    "EstimatorReset",
+    "File",
+    "Gap",
+    "Salvage",
+    "Station",
+    "Vehicle",
+    "Verdict",
+]
 
 Verdict = Literal["agree", "warning", "alarm", "no_compare"]
 CheckVerdict = Literal["agree", "explained", "warning", "alarm", "no_compare", "inop"]
@@ -33,6 +44,7 @@ class Salvage(Struct, frozen=True, kw_only=True):
     duplicates: Annotated[int, Meta(description="frames that came before, and were not used")]
     bad_times: Annotated[int, Meta(description="records whose receive time was damaged, and was not used")]
     read_fraction: Annotated[float | None, Meta(description="share of the bytes that were read; null without any")]
+    remarks: Annotated[tuple[str, ...], Meta(description="what else there is to say of how the bytes came, in words")]
     gap_count: int
     gaps: Annotated[tuple[Gap, ...], Meta(description="the first hundred")]
 
@@ -90,6 +102,16 @@ class Vehicle(Struct, frozen=True, kw_only=True):
     resets: Annotated[tuple[EstimatorReset, ...], Meta(description="of the estimator, the first hundred")] = ()
 
 
+class Station(Struct, frozen=True, kw_only=True):
+    """A sender that is no vehicle of the report: a ground station, a companion, or a system that was not asked for."""
+
+    sysid: int
+    compid: int
+    autopilot: Annotated[str, Meta(description="as its last heartbeat says, unknown without any")]
+    type: Annotated[str, Meta(description="as its last heartbeat says, unknown without any")]
+    frames: int
+
+
 class File(Struct, frozen=True, kw_only=True):
     """A recording or a link, by the worst of its vehicles."""
 
@@ -98,3 +120,5 @@ class File(Struct, frozen=True, kw_only=True):
     verdict: Verdict
     salvage: Salvage
     vehicles: tuple[Vehicle, ...]
+    others: Annotated[tuple[Station, ...], Meta(description="who else was heard: the hundred that sent most")]
+    other_count: Annotated[int, Meta(description="how many they are in all")]

@@ -22,6 +22,7 @@ from gcs_bridge.report.wording import UNITS, difference, quantity
 __all__ = ["lines"]
 
 _WIDTH = 100
+_OTHERS = 8  # that the last line names
 _NBSP = "\N{NO-BREAK SPACE}"
 _COMPARED = ("ATTITUDE", "ATTITUDE_QUATERNION")  # the two sides of euler_quaternion
 
@@ -41,6 +42,10 @@ def _file(entry: File, detail: int) -> Iterator[str]:
     if detail > 0:
         for gap in salvage.gaps:
             yield from _row("", f"gap of {_count(gap.bytes, 'byte')} at byte {_number(gap.offset)}", indent=2)
+    for remark in salvage.remarks:
+        yield from _row("note", one_line(remark), indent=2)
+    if detail > 0 and entry.others:
+        yield from _row("others", _heard(entry, len(entry.others)), indent=2)
     for vehicle in entry.vehicles:
         yield from _vehicle(vehicle, detail)
 
@@ -163,7 +168,7 @@ def _conclusion(entry: File) -> Iterator[str]:
     """The file's last line, verdict first, and the commands that would get what was missing."""
     vehicles = entry.vehicles
     alarms = [(vehicle, alarm) for vehicle in vehicles for alarm in vehicle.alarms]
-    yield f"{LABELS[entry.verdict]:<10}  {one_line(entry.path)}: {_summary(vehicles)}{_worst(alarms)}"
+    yield f"{LABELS[entry.verdict]:<10}  {one_line(entry.path)}: {_summary(entry)}{_worst(alarms)}"
     if alarms:
         return  # what does not come is not what they are about
     # Where others send an attitude, a vehicle that sends none may have none: a tracker, a gimbal.
@@ -184,9 +189,18 @@ def _worst(alarms: Sequence[tuple[Vehicle, Alarm]]) -> str:
     return f": {of}{alarm.check} at {_seconds(alarm.raised_boot_s)}{cause}"
 
 
-def _summary(vehicles: Sequence[Vehicle]) -> str:
+def _heard(entry: File, most: int) -> str:
+    """Who was heard beside the vehicles, and what they say that they are: those that sent most first."""
+    heard = sorted(entry.others, key=lambda one: -one.frames)[:most]
+    said = [f"{one.sysid},{one.compid} {one.type}" for one in heard]
+    more = entry.other_count - len(said)
+    return ", ".join(map(_whole, said)) + (f" and {more} more" if more > 0 else "")
+
+
+def _summary(entry: File) -> str:
+    vehicles = entry.vehicles
     if not vehicles:
-        return "no vehicle"
+        return f"no vehicle; heard: {_heard(entry, _OTHERS)}".replace(_NBSP, " ") if entry.others else "no vehicle"
     said = [_count(len(vehicles), "vehicle")]
     severities = [alarm.severity for vehicle in vehicles for alarm in vehicle.alarms]
     said += [_count(severities.count(kind), kind) for kind in ("alarm", "warning") if kind in severities]

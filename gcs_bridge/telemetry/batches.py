@@ -21,6 +21,7 @@ from gcs_bridge.telemetry.samples import (
     ImuSamples,
     no_attitudes,
 )
+from gcs_bridge.telemetry.senders import SenderSign
 from gcs_bridge.telemetry.statements import Statement
 
 
@@ -89,12 +90,14 @@ class VehicleBatch:
 
     `frame_index` are the indices of its frames, `heard` tells of those in the window; `timed`: columns of its
     `TimedMessages`, in the window or not. `counted` holds the receive times, µs,
-    of messages without a boot time of their own; `imu` and `secondary` what these carry.
+    of messages without a boot time of their own; `imu` and `secondary` what these carry; `senders` whether they are
+    one sender's.
     """
 
     frame_index: Int64s
     heard: HeardFrames
     timed: Int64Rows
+    senders: list[SenderSign]
     segments: list[BootSegment]
     clock_changes: list[ClockChange]
     counted: dict[str, Int64s]

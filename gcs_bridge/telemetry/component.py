@@ -1,13 +1,9 @@
 """From a link's frames to one vehicle's samples: its clock, its identity, its streams; nothing is judged here.
 
-A vehicle is a (system, component) that an autopilot's heartbeat or a plausible run of attitudes names. Ground stations,
-radios, gimbals and companions tell by their heartbeat that they are none.
+Which (system, component) is a vehicle is said in `stations`; here it is followed from frame to frame.
 """
 
 from __future__ import annotations
-
-from collections.abc import Iterator
-from heapq import merge
 
 import numpy as np
 
@@ -23,12 +19,13 @@ from gcs_bridge.telemetry.inertial import ImuReader
 from gcs_bridge.telemetry.messages import IMU_KINDS, KIND
 from gcs_bridge.telemetry.samples import AHRS2, IMU_MESSAGES, AttitudeSamples, ImuSamples
 from gcs_bridge.telemetry.secondary import Ahrs2Reader
+from gcs_bridge.telemetry.senders import Senders
 from gcs_bridge.telemetry.sorting import Share, SortedFrames
-from gcs_bridge.telemetry.statement_reader import Beat, StatementReader, autopilot_name, type_name
+from gcs_bridge.telemetry.statement_reader import StatementReader, autopilot_name, type_name
+from gcs_bridge.telemetry.stations import Heartbeats, Majority, is_vehicle
 from gcs_bridge.telemetry.velocity import VelocityReader
 
-_AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT_INVALID: not a flight controller
-_TYPE_GCS = 6  # MAV_TYPE_GCS
+_ARDUPILOT = "ardupilot"
 
 
 class VehicleReader:
@@ -45,9 +42,12 @@ class VehicleReader:
         self._settings = settings
         self._seen: tuple[int, int] | None = None
         self._standing: list[tuple[int, bool]] = []  # from which frame on it is a vehicle, or is none
-        self._is_autopilot = False
-        self._autopilot_frame_index = 0
-        self._run = 0
+        self._heartbeats = Heartbeats(dialect)
+        self._senders = Senders(dialect)
+        self._said: Majority | None = None  # what most of its heartbeats say
+        self._ardupilot_frame_index: int | None = None  # since when its IMU's numbers are ArduPilot's
+        self._run = 0  # plausible attitudes in a row, as long as there are not enough of them
+        self._looked_at = -1  # the frame of the last of them
         self._clock = BootClock(dialect)
         self._attitudes = AttitudeReader(dialect)
         self._imu: dict[str, ImuReader] = {}
@@ -85,8 +85,7 @@ class VehicleReader:
         self.lost, self.heard_rx_us = share.lost, share.heard_us
         euler, quaternion = self._attitudes.read(batch, share, timed)
         segments = _segments(batch, timed, euler, quaternion)
-        beats = self._statements.beats(batch, share)
-        self._identify(beats, segments)
+        self._identify(self._heartbeats.read(batch, share), segments)
         imu = self._read_imu(batch, share, timed) if share.has_any(IMU_KINDS) else {}
         counted = {name: samples.t_rx_us for name, samples in imu.items()}
         if share.count(KIND[AHRS2]):
@@ -96,56 +95,67 @@ class VehicleReader:
             frame_index=batch.frame_indices(share),
             heard=heard_frames(batch, share, timed.restarting),
             timed=timed.columns,
+            senders=self._senders.read(batch, share),
             segments=segments,
             clock_changes=changes,
             counted=counted,
             imu=imu,
             secondary=self._secondary.read(batch, share, timed),
-            statements=self._statements.read(batch, share, beats, self.autopilot),
+            statements=self._statements.read(batch, share, self.autopilot),
             motion=self._velocity.read(batch, share),
         )
 
     def _read_imu(self, batch: SortedFrames, share: Share, timed: TimedMessages) -> dict[str, ImuSamples]:
         """The samples of each IMU message that came."""
         imu = {}
+        autopilot, since = self.autopilot, 0
+        if self._ardupilot_frame_index is not None:
+            autopilot, since = _ARDUPILOT, self._ardupilot_frame_index
         for name in IMU_MESSAGES:
             if share.count(KIND[name]):
                 reader = self._imu.get(name) or self._imu.setdefault(name, ImuReader(name, self._dialect))
-                samples = reader.read(batch, share, timed, self.autopilot, self._autopilot_frame_index)
+                samples = reader.read(batch, share, timed, autopilot, since)
                 if len(samples):
                     imu[name] = samples
         return imu
 
-    def _identify(self, beats: list[Beat], segments: list[BootSegment]) -> None:
-        """Follow what the heartbeats and, without them, the attitudes say of it, in their order of arrival."""
-        if self._is_autopilot or self.vehicle.sysid == 0:  # an autopilot is one for good; system 0 is nobody's
+    def _identify(self, changes: list[Majority], segments: list[BootSegment]) -> None:
+        """Follow what the heartbeats and the attitudes say of it, in their order of arrival."""
+        if self.vehicle.sysid == 0:  # nobody's
             return
-        if self._standing and not beats:
-            return
-        signs: Iterator[tuple[int, int, Beat | bool]] = ((beat.frame_index, beat.t_rx_us, beat) for beat in beats)
-        for frame_index, t_rx_us, sign in merge(signs, self._attitude_signs(segments), key=lambda sign: sign[0]):
-            if isinstance(sign, bool):
-                self._run = self._run + 1 if sign else 0
-                if self._run >= self._settings.attitude_run and not self._standing:
-                    self._stand(frame_index, t_rx_us, is_one=True)
-            elif sign.autopilot == _AUTOPILOT_INVALID or sign.type == _TYPE_GCS:
-                self._stand(frame_index, t_rx_us, is_one=False)
-            else:
-                self._is_autopilot = True
-                self._autopilot_frame_index = frame_index
-                self.autopilot = autopilot_name(self._dialect, sign.autopilot)
-                self.type = type_name(self._dialect, sign.type)
-                self._stand(frame_index, t_rx_us, is_one=True)
-                return
+        for said in changes:
+            self._follow_run(segments, said.frame_index)
+            self._said = said
+            self.autopilot = autopilot_name(self._dialect, said.autopilot)
+            self.type = type_name(self._dialect, said.type)
+            if self.autopilot == _ARDUPILOT and self._ardupilot_frame_index is None:
+                self._ardupilot_frame_index = said.frame_index
+            self._decide(said.frame_index, said.t_rx_us)
+        self._follow_run(segments, None)
 
-    def _attitude_signs(self, segments: list[BootSegment]) -> Iterator[tuple[int, int, bool]]:
-        """Frame index, receive time and validity of each attitude, while it is not known whether this is a vehicle."""
+    def _follow_run(self, segments: list[BootSegment], until: int | None) -> None:
+        """Count the plausible attitudes in a row that came before the frame `until`, as far as there are enough."""
+        least = self._settings.attitude_run
+        if self._run >= least:
+            return
         for segment in segments:
+            frame_index = segment.frame_index
             valid = segment.valid_attitude
-            for row in np.flatnonzero(segment.attitude).tolist():
-                if self._standing:
+            for row in np.flatnonzero(segment.attitude & (frame_index > self._looked_at)).tolist():
+                at = int(frame_index[row])
+                if until is not None and at > until:
                     return
-                yield int(segment.frame_index[row]), int(segment.t_rx_us[row]), bool(valid[row])
+                self._looked_at = at
+                self._run = self._run + 1 if valid[row] else 0
+                if self._run >= least:
+                    self._decide(at, int(segment.t_rx_us[row]))
+                    return
+
+    def _decide(self, frame_index: int, t_rx_us: int) -> None:
+        """Take in, with a frame, what is known of it by now."""
+        is_one = is_vehicle(self.vehicle.compid, self._said, sends_attitude=self._run >= self._settings.attitude_run)
+        if is_one is not None or self._standing:
+            self._stand(frame_index, t_rx_us, is_one=bool(is_one))
 
     def _stand(self, frame_index: int, t_rx_us: int, *, is_one: bool) -> None:
         if not self._standing or self._standing[-1][1] != is_one:

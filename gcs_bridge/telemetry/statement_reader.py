@@ -6,8 +6,6 @@ Most messages say the same again: those are told apart in a kernel, and cost no 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
-
 import numpy as np
 
 from gcs_bridge.columns import Int64s, Records
@@ -23,17 +21,6 @@ _ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 _LANDED = {1: True, 2: False, 3: False, 4: False}  # MAV_LANDED_STATE; 0: it does not know
 _FLAGS = {"EKF_STATUS_REPORT": "flags", "ESTIMATOR_STATUS": "flags", "ODOMETRY": "reset_counter"}
 _AUTOPILOTS = {3: "ardupilot"}  # MAV_AUTOPILOT_ARDUPILOTMEGA, as everybody calls it; others by MAVLink's own name
-
-
-class Beat(NamedTuple):
-    """A HEARTBEAT; `autopilot` and `type` by MAVLink's numbers."""
-
-    frame_index: int
-    t_rx_us: int
-    autopilot: int
-    type: int
-    custom_mode: int
-    armed: bool
 
 
 @kernel
@@ -78,30 +65,18 @@ class StatementReader:
         self._flags: dict[str, int] = {}
         self._mode: tuple[int, int, int, bool] | None = None
 
-    def beats(self, batch: SortedFrames, share: Share) -> list[Beat]:
-        """The heartbeats that say something else than the one before, in order of arrival."""
-        return [
-            Beat(
-                frame_index,
-                t_rx_us,
-                autopilot=int(beat["autopilot"]),
-                type=int(beat["type"]),
-                custom_mode=int(beat["custom_mode"]),
-                armed=bool(beat["base_mode"] & _ARMED),
-            )
-            for frame_index, t_rx_us, beat in self._news(batch, share, "HEARTBEAT")
-        ]
-
-    def read(self, batch: SortedFrames, share: Share, beats: list[Beat], autopilot: str) -> list[Statement]:
-        """All statements, in order of arrival; `beats` as above, `autopilot` its name as far as known."""
+    def read(self, batch: SortedFrames, share: Share, autopilot: str) -> list[Statement]:
+        """All statements, in order of arrival; `autopilot`: its name as far as known."""
         told: list[Statement] = []
         if not share.has_any(STATEMENT_KINDS):
             return told
-        for beat in beats:
-            if beat[2:] != self._mode:
-                self._mode = beat[2:]
-                names = autopilot_name(self._dialect, beat.autopilot), type_name(self._dialect, beat.type)
-                told.append(ModeSet(beat.frame_index, *names, beat.custom_mode, beat.armed))
+        for frame_index, _, beat in self._news(batch, share, "HEARTBEAT"):
+            autopilot_number, type_number = int(beat["autopilot"]), int(beat["type"])
+            mode = autopilot_number, type_number, int(beat["custom_mode"]), bool(beat["base_mode"] & _ARMED)
+            if mode != self._mode:
+                self._mode = mode
+                names = autopilot_name(self._dialect, autopilot_number), type_name(self._dialect, type_number)
+                told.append(ModeSet(frame_index, *names, *mode[2:]))
         if share.count(KIND["PARAM_VALUE"]):
             rows = batch.rows(share, KIND["PARAM_VALUE"])
             told += parameters(self._records(batch, "PARAM_VALUE", rows), batch.first + rows, autopilot)

@@ -112,6 +112,7 @@ def flight(
     quaternion_hz: float = 25.0,
     start_us: int = START_US,
     boot_ms: int = 10_000,
+    first_seq: int = 0,
     **wire: Any,
 ) -> list[tuple[int, bytes]]:
     """(record time, frame) of a healthy vehicle: a heartbeat a second and both attitudes, in order of time.
@@ -129,11 +130,11 @@ def flight(
     records = []
     for i, (ms, kind) in enumerate(ticks):
         if kind == 0:
-            frame = heartbeat(seq=i, **wire)
+            frame = heartbeat(seq=first_seq + i, **wire)
         elif kind == 1:
-            frame = attitude(boot_ms + ms, rpy[i], rates[i], seq=i, **wire)
+            frame = attitude(boot_ms + ms, rpy[i], rates[i], seq=first_seq + i, **wire)
         else:
-            frame = attitude_quaternion(boot_ms + ms, q[i], rates[i], seq=i, **wire)
+            frame = attitude_quaternion(boot_ms + ms, q[i], rates[i], seq=first_seq + i, **wire)
         records.append((start_us + 1000 * ms, frame))
     return records
 
