@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +14,9 @@ import numpy.typing as npt
 from gcs_bridge import attitude
 from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, last_where
 from gcs_bridge.contract import ExplainedBy
-from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, VTOL_VIEW, Correction
+from gcs_bridge.expected.between import BETWEEN_NOISE_RAD, BETWEEN_NOISE_VIEW_RAD, pairs_between
+from gcs_bridge.expected.between_view import scan_between
+from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, UNSURE, VTOL_VIEW, Correction, CorrectionChange
 from gcs_bridge.expected.knowledge import FORWARD, HOVER, FirmwareConfig
 from gcs_bridge.expected.pairs import (
     NO_CLEAN_PAIRS,
@@ -30,6 +34,7 @@ from gcs_bridge.expected.pairs import (
 from gcs_bridge.expected.quiet import (
     Samples,
     Tails,
+    between_rows,
     euler_rows,
     fill_tails,
     new_tails,
@@ -37,7 +42,7 @@ from gcs_bridge.expected.quiet import (
     pass_quietly,
     quaternion_rows,
 )
-from gcs_bridge.expected.view import CorrectionChange, View
+from gcs_bridge.expected.view import View
 from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 
@@ -55,8 +60,8 @@ class Corrected(FrameColumns):
     """n Euler samples with the expected differences undone.
 
     `q_nb` (n, 4) [w, x, y, z], FRD to NED; `causes` (n,) bits PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what turned a sample
-    by more than 0.02°; `untold` (n,) bits of what may be in it, was not told and not fitted yet; `applied` (n,) which
-    of the `corrections` was undone, the first of which is none.
+    by more than 0.02°; `untold` (n,) bits of what may be in it, was not told and not fitted yet, and UNSURE where that
+    takes time; `applied` (n,) which of the `corrections` was undone, the first of which is none.
     """
 
     q_nb: Floats
@@ -85,6 +90,15 @@ class Corrected(FrameColumns):
         return np.array([(one.trim_x_rad, one.trim_y_rad, 0.0) for one in self.corrections])[self.applied]
 
 
+class _StepBetween(NamedTuple):
+    """What a pair of neighbouring instants, completed by a frame, makes of a view."""
+
+    frame_index: int
+    t_us: int
+    view: View
+    step: CorrectionChange
+
+
 @dataclass
 class _Explanation:
     """A cause with its numbers, in the view in which it turned samples."""
@@ -93,6 +107,7 @@ class _Explanation:
     values_rad: tuple[float, ...]
     fitted: bool
     view: View
+    fit: int  # of the view
 
 
 class Expected:
@@ -102,7 +117,10 @@ class Expected:
         """Start with nothing told."""
         self._told = FirmwareConfig()
         self._news: list[ParameterSet | ModeSet] = []
-        self._views = (View(NOISE_RAD, comes_and_goes=False), View(VIEW_NOISE_RAD, comes_and_goes=True))
+        self._views = (
+            View(NOISE_RAD, BETWEEN_NOISE_RAD, comes_and_goes=False),
+            View(VIEW_NOISE_RAD, BETWEEN_NOISE_VIEW_RAD, comes_and_goes=True),
+        )
         self._explanations: list[_Explanation] = []
         self._euler, self._quaternion = NO_EULER, NO_QUATERNION  # the latest in order, within this boot
         self._tails: Tails | None = None  # for the latest, and the pairs of the view: made when some come
@@ -205,7 +223,7 @@ class Expected:
             more = 2 * more if upto == done else _CLOSELY
             if upto[0] > done[0]:
                 forward, rows = self._views[FORWARD], slice(done[0], upto[0])
-                untold[rows] = forward.untold
+                untold[rows] = forward.untold | (UNSURE if forward.unsure else 0)
                 if forward.correction != NOTHING:
                     yield from self._undo(_one_view(euler[rows]), done[0])
             if upto == n:
@@ -226,7 +244,10 @@ class Expected:
             return done
         tails = self._tails = self._tails or new_tails()
         if not self._tails_hold:
-            fill_tails(tails, self._euler, self._quaternion, forward.recent, forward.sparse)
+            of = forward.between
+            fill_tails(
+                tails, self._euler, self._quaternion, (forward.recent, forward.sparse), (of.recent, of.sparse)
+            )
             self._tails_hold = True
         passed = np.array(done)
         pass_quietly(_euler_of(euler), _quaternion_of(quaternion), expectation, tails, forward.learnt, passed)
@@ -245,6 +266,8 @@ class Expected:
             forward = self._views[FORWARD]
             self._euler, self._quaternion = euler_rows(tails.euler), quaternion_rows(tails.quaternion)
             forward.recent, forward.sparse = pair_rows(tails.recent), pair_rows(tails.sparse)
+            between = forward.between
+            between.recent, between.sparse = between_rows(tails.between), between_rows(tails.sparse_between)
             self._tails_hold = False
 
     def _look_at(
@@ -270,6 +293,7 @@ class Expected:
                 frame_index=euler.frame_index[rest],
                 t_us=euler.t_boot_us[rest],
                 rpy_rad=euler.rpy_rad[rest],
+                w_b_rad_s=euler.w_nb_b_rad_s[rest],
                 view=view,
                 free=free,
             )
@@ -279,13 +303,21 @@ class Expected:
             steps = self._scan(parts)
             frame_indices = [int(part.frame_index[step.at]) for part, step in zip(parts, steps, strict=True) if step]
             frame_index = min(frame_indices, default=None)
+            unsure = UNSURE if self._views[FORWARD].unsure else 0
+            between = self._scan_between(eulers, quaternions, parts, frame_index)
+            if between is not None:
+                frame_index = between.frame_index
             count = (
                 end - start if frame_index is None else int(np.searchsorted(new.frame_index, frame_index, side="right"))
             )
             forward, hover = self._views
-            untold[start : start + count] = np.where(view[:count] == FORWARD, forward.untold, hover.untold)
+            open_causes = np.where(view[:count] == FORWARD, forward.untold, hover.untold)
+            untold[start : start + count] = open_causes | unsure
             yield from self._undo(new[:count], start)
             self._keep(parts, steps, frame_index)
+            if between is not None:
+                step, of = between.step, between.view
+                self._forget(of, step.gives_up, of.keep_between(step, between.t_us))
             if count:
                 self._shown, self._astray_since_us = int(view[count - 1]), int(astray_since_us[count - 1])
                 self._euler = self._euler.then(new[:count][good[start : start + count]])
@@ -340,11 +372,39 @@ class Expected:
 
     def _scan(self, parts: list[CleanPairs]) -> list[CorrectionChange | None]:
         """The first change that the pairs of each view make in it."""
-        hover = self._views[HOVER]
-        rivals = (hover.correction if hover.fitted and not hover.switched else None, None)
         return [
-            view.scan(part, self._told, rival) for view, part, rival in zip(self._views, parts, rivals, strict=True)
+            view.scan(part, self._told, rival)
+            for view, part, rival in zip(self._views, parts, self._rivals(), strict=True)
         ]
+
+    def _rivals(self) -> tuple[Correction | None, None]:
+        """For each view, a fitted correction of the other that is none if it holds in this one as well."""
+        hover = self._views[HOVER]
+        return (hover.correction if hover.fitted and not hover.switched else None, None)
+
+    def _scan_between(
+        self,
+        euler: EulerRows,
+        quaternion: QuaternionRows,
+        parts: list[CleanPairs],
+        until: int | None,
+    ) -> _StepBetween | None:
+        """Take pairs of neighbouring instants up to the first that makes a change, before the frame `until`."""
+        exact = tuple(view.recent.then(part) for view, part in zip(self._views, parts, strict=True))
+        pairs, views = pairs_between(euler, quaternion, self._done, exact)
+        if until is not None:
+            upto = int(np.searchsorted(pairs.frame_index, until))
+            pairs, views = pairs[:upto], views[:upto]
+        bounds = [0, *(np.flatnonzero(np.diff(views)) + 1).tolist(), len(pairs)]
+        for first, end in pairwise(bounds):
+            if first == end:
+                continue
+            index, part = int(views[first]), pairs[first:end]
+            view = self._views[index]
+            step = scan_between(view, part, self._told, self._rivals()[index])
+            if step is not None:
+                return _StepBetween(int(part.frame_index[step.at]), int(part.t_us[step.at]), view, step)
+        return None
 
     def _keep(self, parts: list[CleanPairs], steps: list[CorrectionChange | None], frame_index: int | None) -> None:
         """Remember the pairs up to the frame `frame_index`, and the step that one of the views made there."""
@@ -353,17 +413,20 @@ class Expected:
             upto = (
                 len(part) if frame_index is None else int(np.searchsorted(part.frame_index, frame_index, side="right"))
             )
-            dropped = view.keep(part[:upto], made).values()
-            given_up = 0 if made is None else made.gives_up
-            self._explanations = [
-                one
-                for one in self._explanations
-                if not (one.fitted and one.cause & given_up)
-                and not (one.view is view and dropped.get(one.cause) == one.values_rad)
-            ]
-            if given_up & VTOL_VIEW:
-                self._told.view_refuted = True
-                self._expect()
+            self._forget(view, 0 if made is None else made.gives_up, view.keep(part[:upto], made))
+
+    def _forget(self, view: View, given_up: int, dropped: Correction) -> None:
+        """A view gave up causes that were fitted, or dropped a correction that no pairs ever confirmed."""
+        values = dropped.values()
+        self._explanations = [
+            one
+            for one in self._explanations
+            if not (one.fitted and one.cause & given_up)
+            and not (one.view is view and values.get(one.cause) == one.values_rad)
+        ]
+        if given_up & VTOL_VIEW:
+            self._told.view_refuted = True
+            self._expect()
         forward, hover = self._views
         if hover.fitted and forward.settled and forward.correction != hover.correction:
             hover.switched = True
@@ -387,12 +450,13 @@ class Expected:
             yield start + rows, q_nb, causes, correction
 
     def _explain(self, cause: int, values_rad: tuple[float, ...], view: View) -> None:
-        new = _Explanation(cause, values_rad, bool(view.fitted & cause), view)
+        new = _Explanation(cause, values_rad, bool(view.fitted & cause), view, view.fit)
         latest = max((at for at, one in enumerate(self._explanations) if one.cause == cause), default=None)
         if latest is not None:
             before = self._explanations[latest]
             moved = max(abs(a - b) for a, b in zip(before.values_rad, values_rad, strict=True))
-            if moved == 0.0 or (before.fitted and moved <= _SAME_VALUE_RAD):  # the same, better known
+            refined = before.view is view and before.fit == view.fit and before.fitted
+            if moved == 0.0 or refined or (before.fitted and moved <= _SAME_VALUE_RAD):  # the same, better known
                 self._explanations[latest] = new
                 return
         self._explanations.append(new)
@@ -433,6 +497,7 @@ def _one_view(euler: AttitudeSamples) -> EulerRows:
         frame_index=euler.frame_index,
         t_us=euler.t_boot_us,
         rpy_rad=euler.rpy_rad,
+        w_b_rad_s=euler.w_nb_b_rad_s,
         view=np.zeros(n, np.int8),
         free=np.zeros(n, np.bool_),
     )
