@@ -19,6 +19,7 @@ from gcs_bridge.expected.pairs import MOST_TRIM_RAD, pitch_axis
 
 MOST_PITCH_RAD = math.radians(15.0)  # a larger one is not fitted
 _P90, _P98 = 0.5, 1.0  # of what is left, in noises and bounds: with a right fit less than half of either
+_LEAVES_IN_HOVER = 3.0  # tailsitters hover in oscillations that are faster than their samples: up to the bounds
 _LEAST, _LEAST_TRIMS = 4, 6  # pairs for one number, and for two
 _SURE_RAD = math.radians(0.15)  # a number that is known no better is none yet
 _APART, _APART_LEAST = 3.0, 0.1  # a mistake must leave so many times more, and more than this: root mean squares
@@ -49,7 +50,7 @@ def fit_pitch(pairs: BetweenPairs, base: Correction, noise_rad: float) -> Fitted
     if not explains(pairs, correction, noise_rad):
         return None
     left = pairs.residual(correction) / scale
-    mount = _off_mean(pairs.apart(base), scale)
+    mount = _off_mean(pairs.apart(base), scale, about_y=True)
     mirrored = pairs.rpy_rad * (1.0, -1.0, 1.0)
     sign = attitude.angle_between(base.undo(mirrored), pairs.q_nb) / scale
     return Fitted(correction, not _worse(mount, left), not _worse(sign, left))
@@ -60,7 +61,9 @@ def fit_view(pairs: BetweenPairs, noise_rad: float) -> float | None:
     if len(pairs) < _LEAST:
         return None
     view_rad = _mean_known(pairs.apart(Correction())[:, 1], pairs.scale(noise_rad))
-    return view_rad if view_rad is not None and explains(pairs, Correction(view_rad=view_rad), noise_rad) else None
+    if view_rad is None or not explains(pairs, Correction(view_rad=view_rad), noise_rad, leaves=_LEAVES_IN_HOVER):
+        return None
+    return view_rad
 
 
 def fit_trims(
@@ -95,13 +98,13 @@ def refit_trims(pairs: BetweenPairs, start: Correction, noise_rad: float) -> Fit
     return Fitted(correction, like_mount=False) if explains(pairs, correction, noise_rad) else None
 
 
-def explains(pairs: BetweenPairs, correction: Correction, noise_rad: float) -> bool:
-    """Whether a correction leaves what pairs leave in which nothing differs."""
+def explains(pairs: BetweenPairs, correction: Correction, noise_rad: float, *, leaves: float = 1.0) -> bool:
+    """Whether a correction leaves what pairs leave in which nothing differs; `leaves`: or so many times that."""
     if not len(pairs):
         return True
     left = np.sort(pairs.residual(correction) / pairs.scale(noise_rad))
     last = len(left) - 1
-    return bool(left[round(0.9 * last)] <= _P90 and left[math.floor(0.98 * last)] <= _P98)
+    return bool(left[round(0.9 * last)] <= leaves * _P90 and left[math.floor(0.98 * last)] <= leaves * _P98)
 
 
 def _trims(pairs: BetweenPairs, start: Correction, weight: Floats) -> Correction:
@@ -136,10 +139,12 @@ def _mean_known(turn: Floats, scale: Floats) -> float | None:
     return float((weight * turn).sum()) / total if total * _SURE_RAD**2 >= 1.0 else None
 
 
-def _off_mean(turn: Floats, scale: Floats) -> Floats:
-    """How far turns (n, 3), rad, are from their mean by weights, in scales (n,)."""
+def _off_mean(turn: Floats, scale: Floats, *, about_y: bool = False) -> Floats:
+    """How far turns (n, 3), rad, are from their mean by weights, or from the part about y alone, in scales (n,)."""
     weight = 1.0 / np.square(scale)
     mean = (turn * weight[:, None]).sum(axis=0) / weight.sum()
+    if about_y:
+        mean = mean * (0.0, 1.0, 0.0)
     return np.asarray(np.sqrt(np.square(turn - mean).sum(axis=1)) / scale)
 
 

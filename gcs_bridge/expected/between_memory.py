@@ -21,8 +21,9 @@ class BetweenMemory:
     recent: BetweenPairs = NO_BETWEEN_PAIRS
     sparse: BetweenPairs = NO_BETWEEN_PAIRS  # one a second
     taken: int = 0  # pairs, as far as it matters
-    denials: int = 0  # in a row,
+    denied: int = 0  # pairs since the last that could tell and agreed: no healthy ones,
     denied_since_us: int = 0  # from the first of them on
+    denials: int = 0  # of them in a row, without one that agrees for its wide bound
     again_us: int = 0  # when a fit is tried again
     denies_trims: bool = False  # no AHRS_TRIM makes this
     refine_us: int = NEVER_US  # when a fit is made anew,
@@ -54,13 +55,20 @@ class BetweenMemory:
 
     def deny(self, t_us: int) -> None:
         """One more pair is no healthy one."""
-        if not self.denials:
+        if not self.denied:
             self.denied_since_us = t_us
+        self.denied += 1
         self.denials += 1
+
+    def agree(self, *, tells: bool) -> None:
+        """One more pair is a healthy one; whether its bound is so narrow that it tells."""
+        self.denials = 0
+        if tells:
+            self.denied, self.denies_trims = 0, False
 
     def hold(self, t_us: int, *, fitted: bool, whole: bool) -> None:
         """Another correction holds; if it was fitted, to all pairs of the boot, or since the first that denied."""
-        self.denies_trims = False
+        self.denied, self.denials, self.denies_trims = 0, 0, False
         if fitted:
             self.since_us = 0 if whole else self.denied_since_us
             self.begin_refining(t_us)

@@ -19,6 +19,7 @@ from gcs_bridge.expected.view import View
 
 _TRY_FIRST = (3, 4, 6, 8, 12)  # denials after which a fit is tried,
 _TRY_US, _TRY_SMALL_US = 250_000, 2_000_000  # and vehicle time between later attempts; where little is apart
+_DENY_FIT, _DENY_FIT_US = 6, 1_000_000  # pairs in a row, for so long, that deny a fit for good: few oscillate so
 _SMALL_RAD = math.radians(0.3)
 _SAME_RAD = math.radians(0.002)  # a fit that moves by less is the same
 
@@ -34,10 +35,12 @@ def scan_between(
         if angle > most:
             memory.deny(t_us)
             learnt["between_agreements"] = 0
-        elif pairs.bound_rad[at] <= TELLS_RAD:
-            memory.denials, memory.denies_trims = 0, False
-            _agree(view, at_change=bool(pairs.free[at]))
-        if memory.denials >= IN_A_ROW and (memory.denials in _TRY_FIRST or t_us >= memory.again_us):
+        else:
+            memory.agree(tells=bool(pairs.bound_rad[at] <= TELLS_RAD))
+            if not memory.denied:
+                _agree(view, at_change=bool(pairs.free[at]))
+        is_early = angle > most and memory.denied in _TRY_FIRST
+        if memory.denied >= IN_A_ROW and (is_early or t_us >= memory.again_us):
             memory.again_us = t_us + (_TRY_US if angle > _SMALL_RAD + most else _TRY_SMALL_US)
             step = _denied(view, pairs[: at + 1], told, rival)
         elif t_us >= memory.refine_us:
@@ -88,7 +91,9 @@ def _denied(view: View, more: BetweenPairs, told: FirmwareConfig, rival: Correct
         fitted, memory.denies_trims = fit_trims(whole, len(whole) - len(run), start, noise_rad)
         if fitted is not None:
             return _change(at, fitted, AHRS_TRIM)
-    if view.fitted and view.by_between and not view.proven:
+    lasts_us = int(more.t_us[-1]) - memory.denied_since_us
+    is_denied = memory.denials >= _DENY_FIT and lasts_us >= _DENY_FIT_US
+    if view.fitted and view.by_between and not view.proven and is_denied:
         return CorrectionChange(at, view.expected[0], gives_up=view.fitted)
     return None
 

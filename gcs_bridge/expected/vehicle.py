@@ -84,6 +84,12 @@ class Corrected(FrameColumns):
         """Whether anything was undone."""
         return len(self.corrections) > 1
 
+    def may_be_trim_from(self, before: float) -> tuple[Int64s, Floats]:
+        """Frames (k,) from which on AHRS_TRIM may still be found in what differs, 1, or may not, 0, unlike before."""
+        may_be = (self.untold // UNSURE).astype(np.float64)
+        changes = np.flatnonzero(np.diff(may_be, prepend=before))
+        return self.frame_index[changes], may_be[changes]
+
     @property
     def trim_b_rad(self) -> Floats:
         """AHRS_TRIM as it was undone in each of the samples: the turn (n, 3) from the body's axes to the IMU's."""

@@ -95,7 +95,7 @@ class View:
     @property
     def denied(self) -> bool:
         """Whether the latest pairs deny the correction."""
-        return max(self._denials, self.between.denials) >= IN_A_ROW
+        return max(self._denials, self.between.denied) >= IN_A_ROW
 
     @property
     def unsure(self) -> bool:
@@ -191,7 +191,7 @@ class View:
 
     def expectation(self) -> Expectation | None:
         """What the pairs must show to be no news; None: each of them may be."""
-        if (self.fitted and not self.proven) or self._denials or self.between.denials:
+        if (self.fitted and not self.proven) or self._denials or self.between.denied:
             return None
         return Expectation(
             *self.correction,
@@ -253,7 +253,7 @@ class View:
         learnt["lowest_rad"], learnt["highest_rad"] = math.inf, -math.inf
         self.settled |= bool(step.gives_up)  # what deceived once has to be told apart the next time
         self._denials, learnt["agreements"], learnt["between_agreements"] = 0, 0, 0
-        self.between.denials = 0
+        self.between.denied = self.between.denials = 0
         if not step.between:
             self.between.refine_us = NEVER_US
         learnt["is_confirmed"] = False

@@ -68,7 +68,7 @@ class VehicleJudge:
         self._statements = Statements()
         self._stillness = Stillness(settings.gravity)
         self._trims = TrimsInForce()
-        self._fixed_wing, self._ardupilot = StepSignal(), StepSignal()
+        self._fixed_wing, self._ardupilot, self._may_be_trim = StepSignal(), StepSignal(), StepSignal(0.0)
         self._streams: dict[str, StreamCount] = {}
         self._verdicts = Verdicts(self._checks, self.alarm_manager, self._expected, self._streams, settings)
         self._latest: list[AttitudeSamples | None] = [None, None]  # what came last of both streams
@@ -88,7 +88,7 @@ class VehicleJudge:
             yield from self._take_boot(index, boots.get(index), batch, link)
         yield from self.advance(link)
         last = int(frame_indices[-1])
-        for latest in (self._heard, self._fixed_wing, self._ardupilot, self._stillness, self._trims):
+        for latest in (self._heard, self._fixed_wing, self._ardupilot, self._may_be_trim, self._stillness, self._trims):
             latest.forget(last)
 
     @property
@@ -229,6 +229,7 @@ class VehicleJudge:
         corrected = self._expected.correct(sent, quaternion)
         euler = sent if corrected.q_nb is sent.q_nb else replace(sent, q_nb=corrected.q_nb)
         self._trims.follow(corrected)
+        self._may_be_trim.put(*corrected.may_be_trim_from(before=self._may_be_trim.latest))
         aligned = boot.aligner.pair(euler, quaternion, segment.message, None if euler is sent else sent.q_nb)
         self._count(segment, aligned.period_us)
         line = Timeline(
@@ -258,6 +259,7 @@ class VehicleJudge:
             secondary=_of_boot(batch.secondary, boot),
             fixed_wing=self._fixed_wing,
             ardupilot=self._ardupilot,
+            may_be_trim=self._may_be_trim,
             stream_changes=turns,
             line=line,
             statements=told,
