@@ -21,7 +21,7 @@ MOST_PITCH_RAD = math.radians(15.0)  # a larger one is not fitted
 _P90, _P98 = 0.5, 1.0  # of what is left, in noises and bounds: with a right fit less than half of either
 _LEAVES_IN_HOVER = 3.0  # tailsitters hover in oscillations that are faster than their samples: up to the bounds
 _LEAST, _LEAST_TRIMS = 4, 6  # pairs for one number, and for two
-_SURE_RAD = math.radians(0.15)  # a number that is known no better is none yet
+_SURE_RAD, _SURE_VIEW_RAD = math.radians(0.15), math.radians(2.0)  # a number that is known no better is none yet
 _APART, _APART_LEAST = 3.0, 0.1  # a mistake must leave so many times more, and more than this: root mean squares
 _PRIOR_RAD = math.radians(10.0)  # what trims are like: AHRS_TRIM_X hardly shows, and stays near 0 until it does
 _STEP_RAD = 1e-6  # for slopes
@@ -60,7 +60,7 @@ def fit_view(pairs: BetweenPairs, noise_rad: float) -> float | None:
     """A view: the angle, rad, about the body's y axis; None unless the pairs say one."""
     if len(pairs) < _LEAST:
         return None
-    view_rad = _mean_known(pairs.apart(Correction())[:, 1], pairs.scale(noise_rad))
+    view_rad = _mean_known(pairs.apart(Correction())[:, 1], pairs.scale(noise_rad), _SURE_VIEW_RAD)
     if view_rad is None or not explains(pairs, Correction(view_rad=view_rad), noise_rad, leaves=_LEAVES_IN_HOVER):
         return None
     return view_rad
@@ -132,11 +132,11 @@ def _trims(pairs: BetweenPairs, start: Correction, weight: Floats) -> Correction
     return Correction(pitch_rad, x, y)
 
 
-def _mean_known(turn: Floats, scale: Floats) -> float | None:
+def _mean_known(turn: Floats, scale: Floats, sure_rad: float = _SURE_RAD) -> float | None:
     """The mean of turns (n,), rad, by weights; None while it is not known well enough."""
     weight = 1.0 / np.square(scale)
     total = float(weight.sum())
-    return float((weight * turn).sum()) / total if total * _SURE_RAD**2 >= 1.0 else None
+    return float((weight * turn).sum()) / total if total * sure_rad**2 >= 1.0 else None
 
 
 def _off_mean(turn: Floats, scale: Floats, *, about_y: bool = False) -> Floats:

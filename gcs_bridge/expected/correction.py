@@ -9,6 +9,7 @@ from gcs_bridge.columns import Floats
 
 PITCH_TRIM, AHRS_TRIM, VTOL_VIEW = 1, 2, 4  # bits: the causes
 UNSURE = 8  # another bit: AHRS_TRIM may be in it, and pairs of one instant, which would tell at once, do not come
+TRIM_FITTED = 16  # and another: AHRS_TRIM was fitted to pairs of one instant, which tell both of its numbers
 CAUSE_NAMES = {PITCH_TRIM: "pitch_trim", AHRS_TRIM: "ahrs_trim", VTOL_VIEW: "vtol_view"}
 
 

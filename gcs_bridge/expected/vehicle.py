@@ -16,7 +16,7 @@ from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, last_where
 from gcs_bridge.contract import ExplainedBy
 from gcs_bridge.expected.between import BETWEEN_NOISE_RAD, BETWEEN_NOISE_VIEW_RAD, pairs_between
 from gcs_bridge.expected.between_view import scan_between
-from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, UNSURE, VTOL_VIEW, Correction, CorrectionChange
+from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, TRIM_FITTED, UNSURE, VTOL_VIEW, Correction, CorrectionChange
 from gcs_bridge.expected.knowledge import FORWARD, HOVER, FirmwareConfig
 from gcs_bridge.expected.pairs import (
     NO_CLEAN_PAIRS,
@@ -60,8 +60,8 @@ class Corrected(FrameColumns):
     """n Euler samples with the expected differences undone.
 
     `q_nb` (n, 4) [w, x, y, z], FRD to NED; `causes` (n,) bits PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what turned a sample
-    by more than 0.02°; `untold` (n,) bits of what may be in it, was not told and not fitted yet, and UNSURE where that
-    takes time; `applied` (n,) which of the `corrections` was undone, the first of which is none.
+    by more than 0.02°; `untold` (n,) bits of what may be in it, was not told and not fitted yet, UNSURE where that
+    takes time, and TRIM_FITTED; `applied` (n,) which of the `corrections` was undone, the first of which is none.
     """
 
     q_nb: Floats
@@ -86,9 +86,14 @@ class Corrected(FrameColumns):
 
     def may_be_trim_from(self, before: float) -> tuple[Int64s, Floats]:
         """Frames (k,) from which on AHRS_TRIM may still be found in what differs, 1, or may not, 0, unlike before."""
-        may_be = (self.untold // UNSURE).astype(np.float64)
+        may_be = ((self.untold & UNSURE) != 0).astype(np.float64)
         changes = np.flatnonzero(np.diff(may_be, prepend=before))
         return self.frame_index[changes], may_be[changes]
+
+    @property
+    def trim_fitted(self) -> Mask:
+        """Whether AHRS_TRIM was fitted (n,), and is known as well as if it had been told."""
+        return np.asarray((self.untold & TRIM_FITTED) != 0)
 
     @property
     def trim_b_rad(self) -> Floats:
@@ -229,7 +234,7 @@ class Expected:
             more = 2 * more if upto == done else _CLOSELY
             if upto[0] > done[0]:
                 forward, rows = self._views[FORWARD], slice(done[0], upto[0])
-                untold[rows] = forward.untold | (UNSURE if forward.unsure else 0)
+                untold[rows] = forward.bits
                 if forward.correction != NOTHING:
                     yield from self._undo(_one_view(euler[rows]), done[0])
             if upto == n:
@@ -309,16 +314,15 @@ class Expected:
             steps = self._scan(parts)
             frame_indices = [int(part.frame_index[step.at]) for part, step in zip(parts, steps, strict=True) if step]
             frame_index = min(frame_indices, default=None)
-            unsure = UNSURE if self._views[FORWARD].unsure else 0
+            forward, hover = self._views
+            bits = forward.bits, hover.bits & ~UNSURE | forward.bits & UNSURE
             between = self._scan_between(eulers, quaternions, parts, frame_index)
             if between is not None:
                 frame_index = between.frame_index
             count = (
                 end - start if frame_index is None else int(np.searchsorted(new.frame_index, frame_index, side="right"))
             )
-            forward, hover = self._views
-            open_causes = np.where(view[:count] == FORWARD, forward.untold, hover.untold)
-            untold[start : start + count] = open_causes | unsure
+            untold[start : start + count] = np.where(view[:count] == FORWARD, *bits)
             yield from self._undo(new[:count], start)
             self._keep(parts, steps, frame_index)
             if between is not None:

@@ -14,6 +14,8 @@ from gcs_bridge.expected.correction import (
     AHRS_TRIM,
     NOTHING,
     PITCH_TRIM,
+    TRIM_FITTED,
+    UNSURE,
     VTOL_VIEW,
     Correction,
     CorrectionChange,
@@ -91,6 +93,12 @@ class View:
     def untold(self) -> int:
         """Causes that may be in the angles and are not undone: not told, not fitted, and nothing has ruled them out."""
         return self.open & ~self.fitted & ~(AHRS_TRIM if self.learnt["is_banked"][0] else 0)
+
+    @property
+    def bits(self) -> int:
+        """What is known of each sample that shows this view, as `Corrected.untold` has it."""
+        sure = self.fitted & AHRS_TRIM and not self.by_between
+        return self.untold | (UNSURE if self.unsure else 0) | (TRIM_FITTED if sure else 0)
 
     @property
     def denied(self) -> bool:

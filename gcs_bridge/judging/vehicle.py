@@ -260,6 +260,7 @@ class VehicleJudge:
             fixed_wing=self._fixed_wing,
             ardupilot=self._ardupilot,
             may_be_trim=self._may_be_trim,
+            trim_open=self._trims.open,
             stream_changes=turns,
             line=line,
             statements=told,
