@@ -22,6 +22,7 @@ _VTOL_MODES = (17, 18, 19, 20, 21, 22, 23, 25)  # ArduPlane's QSTABILIZE … QAC
 _EITHER_MODES = (10, 14, 15, 24, 25)  # AUTO, AVOID_ADSB, GUIDED, THERMAL, LOITER_ALT_QLAND: hovering or not
 _KEEP_TRIM = 1 << 8  # FLIGHT_OPTIONS: the pitch trim is not subtracted
 _FRAME_TAILSITTER = 10  # Q_FRAME_CLASS
+_TAILSITTER_PARAMETERS = ("Q_TAILSIT_ENABLE", "Q_FRAME_CLASS", "Q_TAILSIT_MOTMX")
 
 
 class FirmwareConfig:
@@ -30,7 +31,7 @@ class FirmwareConfig:
     _RELEVANT = frozenset(
         {
             *("AHRS_TRIM_X", "AHRS_TRIM_Y", "PTCH_TRIM_DEG", "TRIM_PITCH_CD", "FLIGHT_OPTIONS"),
-            *("Q_ENABLE", "Q_TRIM_PITCH", "Q_TAILSIT_ENABLE", "Q_FRAME_CLASS"),
+            *("Q_ENABLE", "Q_TRIM_PITCH", *_TAILSITTER_PARAMETERS),
         }
     )
 
@@ -65,16 +66,22 @@ class FirmwareConfig:
         return self.autopilot not in ("ardupilot", "unknown")
 
     @property
+    def may_be_plane(self) -> bool:
+        """Whether it is an ArduPlane, or may turn out to be one."""
+        return self._is_plane or self.autopilot == "unknown"
+
+    @property
     def _is_plane(self) -> bool:
         return self.autopilot == "ardupilot" and (self.type == "fixed_wing" or self.type.startswith("vtol_"))
 
     @property
     def can_hover(self) -> bool:
-        """Whether it is a plane with a VTOL view: told by Q_ENABLE, by its type, or by a VTOL mode."""
+        """Whether it is a plane with a VTOL view: told by Q_ENABLE, by its type, by a VTOL mode, or as a tailsitter."""
         enabled = self._parameters.get("Q_ENABLE")
         if enabled is not None:
             return self._is_plane and enabled > 0
-        return self._is_plane and (self._hovered or self.type.startswith("vtol_"))
+        is_tailsitter = self._view_parts()[0] == _TAILSITTER_RAD
+        return self._is_plane and (self._hovered or self.type.startswith("vtol_") or is_tailsitter)
 
     @property
     def view(self) -> int | None:
@@ -123,7 +130,7 @@ class FirmwareConfig:
         base: float | None = None
         if "Q_TAILSIT_ENABLE" in told:
             base = _TAILSITTER_RAD if told["Q_TAILSIT_ENABLE"] > 0 else 0.0
-        elif told.get("Q_FRAME_CLASS") == _FRAME_TAILSITTER:
+        elif told.get("Q_FRAME_CLASS") == _FRAME_TAILSITTER or told.get("Q_TAILSIT_MOTMX", 0.0) > 0:  # older firmware
             base = _TAILSITTER_RAD
         trim = math.radians(told["Q_TRIM_PITCH"]) if "Q_TRIM_PITCH" in told else None
         return base, trim

@@ -17,6 +17,7 @@ from gcs_bridge.contract import ExplainedBy
 from gcs_bridge.expected.between import BETWEEN_NOISE_RAD, BETWEEN_NOISE_VIEW_RAD, pairs_between
 from gcs_bridge.expected.between_view import scan_between
 from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, TRIM_FITTED, UNSURE, VTOL_VIEW, Correction, CorrectionChange
+from gcs_bridge.expected.felt import NO_FORCES, down_felt, forces_of
 from gcs_bridge.expected.knowledge import FORWARD, HOVER, FirmwareConfig
 from gcs_bridge.expected.pairs import (
     NO_CLEAN_PAIRS,
@@ -43,7 +44,7 @@ from gcs_bridge.expected.quiet import (
     quaternion_rows,
 )
 from gcs_bridge.expected.view import View
-from gcs_bridge.telemetry.samples import AttitudeSamples
+from gcs_bridge.telemetry.samples import AttitudeSamples, ImuSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 
 _EFFECT_RAD = math.radians(0.02)  # what the bound of a same-instant pair swallows needs no explanation
@@ -52,6 +53,8 @@ _MODE_LAG_US = 10_000_000  # a tailsitter changes its view when it has turned, s
 _AHEAD_US = 1_000_000  # heartbeats come once a second: the view may change before the mode is told
 _QUATERNION_AGE_S = 1.0
 _VIEW_MATCH_RAD = math.radians(2.0)  # the latest quaternion, brought to the sample's time by its rates, may be off by
+_FELT_RAD = math.radians(30.0)  # without a quaternion the accelerometer tells, which is off by so much in flight,
+_FELT_APART = 2.0 * math.sin(math.radians(60.0) / 2.0)  # between views whose downs are this far from each other
 _VIEW_MATCH_SHARE = 0.25  # so much, or by this share of what is between the views
 
 
@@ -134,6 +137,7 @@ class Expected:
         )
         self._explanations: list[_Explanation] = []
         self._euler, self._quaternion = NO_EULER, NO_QUATERNION  # the latest in order, within this boot
+        self._forces = NO_FORCES  # the latest, of a plane that can hover
         self._tails: Tails | None = None  # for the latest, and the pairs of the view: made when some come
         self._tails_hold = False  # whether they are there
         self._done = -1  # frame_index up to which pairs were taken
@@ -143,7 +147,7 @@ class Expected:
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone. Parameters, modes and what was fitted outlive it."""
-        self._euler, self._quaternion = NO_EULER, NO_QUATERNION
+        self._euler, self._quaternion, self._forces = NO_EULER, NO_QUATERNION, NO_FORCES
         self._tails_hold = False
         self._mode_since_us, self._shown, self._astray_since_us = None, None, -1
         for view in self._views:
@@ -153,11 +157,15 @@ class Expected:
         """Take what arrived in this batch, in order of arrival, before `correct` of the same batch."""
         self._news += what
 
-    def correct(self, euler: AttitudeSamples, quaternion: AttitudeSamples) -> Corrected:
+    def correct(
+        self, euler: AttitudeSamples, quaternion: AttitudeSamples, imu: ImuSamples | None = None
+    ) -> Corrected:
         """Undo the expected differences in a batch of Euler samples.
 
-        The frames say the order of arrival among both and with what was told.
+        The frames say the order of arrival among both, the inertial samples, and with what was told.
         """
+        if imu is not None and self._told.may_be_plane:
+            self._forces = forces_of(imu, self._forces)
         q_nb, causes, untold = euler.q_nb, np.zeros(len(euler), np.uint8), np.zeros(len(euler), np.uint8)
         applied, corrections = np.zeros(len(euler), np.int64), [NOTHING]
         news, self._news = self._news, []
@@ -357,18 +365,10 @@ class Expected:
             self._mode_since_us = int(t_us[0])
         free[:] = True if mode_view is None else t_us - self._mode_since_us <= _MODE_LAG_US
         unknown = self._told.open_view and not hover.fitted
-        if unknown or hover.correction == self._views[FORWARD].correction or not len(quaternions):
+        if unknown or hover.correction == self._views[FORWARD].correction :
             return view, free, astray_since_us
-        latest = np.searchsorted(quaternions.frame_index, euler.frame_index) - 1
-        since_s = (t_us - quaternions.t_us[latest]) * 1e-6
-        turn = 0.5 * (quaternions.w_b_rad_s[latest] + euler.w_nb_b_rad_s) * since_s[:, None]
-        q_now = attitude.multiply(quaternions.q_nb[latest], attitude.quaternion_from_rotvec(turn))
-        down = attitude.body_down(q_now)
         downs = [attitude.body_down(one.correction.undo(rpy_rad)) for one in self._views]
-        off = [_norm(one - down) for one in downs]
-        known = (latest >= 0) & (np.abs(since_s) <= _QUATERNION_AGE_S)
-        known &= np.minimum(*off) <= np.maximum(_VIEW_MATCH_RAD, _VIEW_MATCH_SHARE * _norm(downs[0] - downs[1]))
-        is_usual, astray = (known & (3.0 * off[one] < off[1 - one]) for one in (usual, 1 - usual))
+        is_usual, astray = self._seen_as(usual, euler, downs, quaternions)
         decided = last_where(is_usual | astray)
         undecided = usual if self._shown is None else self._shown
         shown = np.where(decided >= 0, np.where(astray[decided], 1 - usual, usual), undecided)
@@ -379,6 +379,33 @@ class Expected:
         ahead = astray & (t_us - astray_since_us <= _AHEAD_US)
         view[:] = np.where(free | ahead, shown, usual)
         return view, free, astray_since_us
+
+    def _seen_as(
+        self, usual: int, euler: AttitudeSamples, downs: list[Floats], quaternions: QuaternionRows
+    ) -> tuple[Mask, Mask]:
+        """Which Euler samples (n,) are seen to show the usual view, and which the other; `downs` (n, 3) of each view.
+
+        By the latest quaternion; where there is none, by the accelerometer, if the views are so far from each other.
+        """
+        t_us, n = euler.t_boot_us, len(euler)
+        down, off_most = np.full((n, 3), np.nan), np.full(n, _VIEW_MATCH_RAD)
+        apart = _norm(downs[0] - downs[1])
+        if len(quaternions):
+            latest = np.searchsorted(quaternions.frame_index, euler.frame_index) - 1
+            since_s = (t_us - quaternions.t_us[latest]) * 1e-6
+            turn = 0.5 * (quaternions.w_b_rad_s[latest] + euler.w_nb_b_rad_s) * since_s[:, None]
+            q_now = attitude.multiply(quaternions.q_nb[latest], attitude.quaternion_from_rotvec(turn))
+            known = (latest >= 0) & (np.abs(since_s) <= _QUATERNION_AGE_S)
+            down[known] = attitude.body_down(q_now)[known]
+            off_most = np.maximum(_VIEW_MATCH_RAD, _VIEW_MATCH_SHARE * apart)
+        unknown = np.isnan(down[:, 0]) & (apart >= _FELT_APART)
+        if unknown.any() and len(self._forces):
+            down[unknown] = down_felt(self._forces, euler.frame_index[unknown], t_us[unknown])
+            off_most[unknown] = _FELT_RAD
+        off = [_norm(one - down) for one in downs]
+        known = np.minimum(*off) <= off_most
+        is_usual, astray = (known & (3.0 * off[one] < off[1 - one]) for one in (usual, 1 - usual))
+        return is_usual, astray
 
     def _scan(self, parts: list[CleanPairs]) -> list[CorrectionChange | None]:
         """The first change that the pairs of each view make in it."""

@@ -36,7 +36,7 @@ from gcs_bridge.telemetry.batches import BootSegment, VehicleBatch, no_segment
 from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
-from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples
+from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples, ImuSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
 from gcs_bridge.telemetry.stillness import Stillness
 from gcs_bridge.telemetry.stream_counts import StreamCount
@@ -226,7 +226,8 @@ class VehicleJudge:
         told = [say for say in self._news if say.frame_index <= until]
         self._news = [say for say in self._news if say.frame_index > until]
         self._expected.told(say for say in told if isinstance(say, ParameterSet | ModeSet))
-        corrected = self._expected.correct(sent, quaternion)
+        chosen = _inertial(boot, batch)
+        corrected = self._expected.correct(sent, quaternion, chosen)
         euler = sent if corrected.q_nb is sent.q_nb else replace(sent, q_nb=corrected.q_nb)
         self._trims.follow(corrected)
         self._may_be_trim.put(*corrected.may_be_trim_from(before=self._may_be_trim.latest))
@@ -246,7 +247,7 @@ class VehicleJudge:
         notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link)
         yield from notices
 
-        imu = self._imu_of(boot, batch)
+        imu = self._imu_of(chosen)
         attitudes, imu_with_attitude = boot.references.take(segment.message, euler, quaternion, imu)
         flight = CheckBatch(
             euler=euler,
@@ -326,16 +327,8 @@ class VehicleJudge:
         if answer.entry is not None and answer.entry != record.diagnosis:
             yield from self.alarm_manager.diagnosis(record, answer.entry, frame_index, t_boot_us, link.at(frame_index))
 
-    def _imu_of(self, boot: Boot, batch: VehicleBatch) -> VehicleImu | None:
-        """The samples, within the boot, of the one sensor that is judged by."""
-        own = {}
-        for name, samples in batch.imu.items():
-            mine = (samples.boot == boot.index) & (samples.t_boot_us >= 0) & (samples.frame_index >= boot.frame_index)
-            if mine.all():
-                own[name] = samples
-            elif mine.any():
-                own[name] = samples[mine]
-        chosen = boot.imu.take(own)
+    def _imu_of(self, chosen: ImuSamples | None) -> VehicleImu | None:
+        """Inertial samples with what the vehicle says of itself then."""
         if chosen is None:
             return None
         may_rest, stands = self._stillness.at(chosen.frame_index)
@@ -365,6 +358,18 @@ class VehicleJudge:
             if len(samples):
                 count = self._stream(samples.source)
                 count.add_stream(index, segment.message, segment.t_boot_us, segment.lost, period_us, samples.valid)
+
+
+def _inertial(boot: Boot, batch: VehicleBatch) -> ImuSamples | None:
+    """The samples, within the boot, of the one sensor that is judged by."""
+    own = {}
+    for name, samples in batch.imu.items():
+        mine = (samples.boot == boot.index) & (samples.t_boot_us >= 0) & (samples.frame_index >= boot.frame_index)
+        if mine.all():
+            own[name] = samples
+        elif mine.any():
+            own[name] = samples[mine]
+    return boot.imu.take(own)
 
 
 def _of_boot(secondary: Ahrs2Samples, boot: Boot) -> Ahrs2Samples:
