@@ -18,8 +18,9 @@ from gcs_bridge.expected.between import BETWEEN_NOISE_RAD, BETWEEN_NOISE_VIEW_RA
 from gcs_bridge.expected.between_view import scan_between
 from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, TRIM_FITTED, UNSURE, VTOL_VIEW, Correction, CorrectionChange
 from gcs_bridge.expected.felt import NO_FORCES, down_felt, forces_of
-from gcs_bridge.expected.knowledge import FORWARD, HOVER, FirmwareConfig
+from gcs_bridge.expected.knowledge import FORWARD, HOVER, TAILSITTER_RAD, FirmwareConfig
 from gcs_bridge.expected.pairs import (
+    IN_A_ROW,
     NO_CLEAN_PAIRS,
     NO_EULER,
     NO_QUATERNION,
@@ -31,6 +32,7 @@ from gcs_bridge.expected.pairs import (
     QuaternionRows,
     in_order,
     match,
+    run_lengths,
 )
 from gcs_bridge.expected.quiet import (
     Samples,
@@ -137,7 +139,9 @@ class Expected:
         )
         self._explanations: list[_Explanation] = []
         self._euler, self._quaternion = NO_EULER, NO_QUATERNION  # the latest in order, within this boot
-        self._forces = NO_FORCES  # the latest, of a plane that can hover
+        self._forces = NO_FORCES  # the latest, of what may be a plane
+        self._on_tail = 0  # samples in a row in which one that hovers is felt to sit on its tail
+        self._on_wings = False  # it was felt to be as ATTITUDE says in forward flight
         self._tails: Tails | None = None  # for the latest, and the pairs of the view: made when some come
         self._tails_hold = False  # whether they are there
         self._done = -1  # frame_index up to which pairs were taken
@@ -249,9 +253,44 @@ class Expected:
                 return
             done, upto = upto, _some(euler, quaternion, upto, more)
             parts = euler[done[0] : upto[0]], quaternion[done[1] : upto[1]]
+            felt = self._feel_tail(*parts)
+            if felt is not None:  # look at what came up to there first
+                upto = done[0] + felt + 1, done[1]
+                parts = parts[0][: felt + 1], parts[1][:0]
             for at, q_nb, causes, correction in self._look_at(*parts, untold[done[0] : upto[0]]):
                 yield done[0] + at, q_nb, causes, correction
+            if felt is not None:
+                self._told.sits_on_tail = True
+                self._expect()
             done = upto
+
+    def _feel_tail(self, euler: AttitudeSamples, quaternion: AttitudeSamples) -> int | None:
+        """The row of the Euler samples with which a plane that hovers is felt to be a tailsitter, if any is.
+
+        Nothing told whether it is one, and no quaternion tells its view.
+        """
+        if not self._told.may_sit_on_tail or len(self._quaternion) or not len(euler) or not len(self._forces):
+            return None
+        assert euler.rpy_rad is not None
+        end = int(np.searchsorted(euler.frame_index, quaternion.frame_index[0])) if len(quaternion) else len(euler)
+        rpy_rad = euler.rpy_rad[:end]
+        felt = down_felt(self._forces, euler.frame_index[:end], euler.t_boot_us[:end])
+        forward = self._views[FORWARD].correction
+        on_wings, on_tail = (
+            _norm(attitude.body_down(one.undo(rpy_rad)) - felt)
+            for one in (forward, Correction(view_rad=TAILSITTER_RAD))
+        )
+        if self._told.view == FORWARD:
+            self._on_wings |= bool(((on_wings <= _FELT_RAD) & (3.0 * on_wings < on_tail)).any())
+            self._on_tail = 0
+            return None
+        is_on_tail = (on_tail <= _FELT_RAD) & (3.0 * on_tail < on_wings)
+        in_a_row = run_lengths(is_on_tail, self._on_tail)
+        enough = in_a_row >= IN_A_ROW
+        if enough.any():
+            return int(enough.argmax())
+        self._on_tail = int(in_a_row[-1]) if end else self._on_tail
+        return None
 
     def _pass_quietly(
         self, euler: AttitudeSamples, quaternion: AttitudeSamples, done: tuple[int, int]
@@ -487,7 +526,8 @@ class Expected:
             yield start + rows, q_nb, causes, correction
 
     def _explain(self, cause: int, values_rad: tuple[float, ...], view: View) -> None:
-        new = _Explanation(cause, values_rad, bool(view.fitted & cause), view, view.fit)
+        fitted = bool(view.fitted & cause) or (cause == VTOL_VIEW and self._told.sits_on_tail)
+        new = _Explanation(cause, values_rad, fitted, view, view.fit)
         latest = max((at for at, one in enumerate(self._explanations) if one.cause == cause), default=None)
         if latest is not None:
             before = self._explanations[latest]
@@ -503,6 +543,8 @@ class Expected:
         alternatives: list[str] = []
         if one.fitted and one.view.correction.values().get(one.cause) == one.values_rad:
             alternatives = one.view.alternatives()
+            if one.cause == VTOL_VIEW and not one.view.fitted:  # felt
+                alternatives = [] if self._on_wings else ["mount_offset"]
         return ExplainedBy(
             cause=CAUSE_NAMES[one.cause],
             value=values_deg if len(values_deg) > 1 else values_deg[0],

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.checks.base import Check
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
-from gcs_bridge.contract import ExplainedBy, Severity, known
+from gcs_bridge.contract import Distribution, ExplainedBy, Severity, known
 from gcs_bridge.expected import Expected
 from gcs_bridge.mavlink.requests import request_command
 from gcs_bridge.report import schema
@@ -86,6 +86,7 @@ class Verdicts:
             explained_by = self._expected.explanations()
         elif verdict == "explained":
             explained_by = self._expected.explanations()
+            numbers["raw"] = Distribution(median=None, p95=None, p99=None, max=None)  # not measured
         reason = self._reason(check, verdict, autopilot)
         remark = check.remark if verdict in ("agree", "explained", "no_compare") else None
         return schema.Check(
