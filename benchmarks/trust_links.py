@@ -127,7 +127,9 @@ def untold(data: bytes) -> bytes:
     table = load_dialect("all")
     said = frames_in(data, table)
     said = said.where(said.frames["msgid"] == table["PARAM_VALUE"].msgid)
-    return spliced(data, [(start, stop, b"") for start, stop in zip(said.start.tolist(), said.stop.tolist(), strict=True)])
+    return spliced(
+        data, [(start, stop, b"") for start, stop in zip(said.start.tolist(), said.stop.tolist(), strict=True)]
+    )
 
 
 def apart(data: bytes, by_ms: int) -> bytes:

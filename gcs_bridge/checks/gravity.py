@@ -110,7 +110,6 @@ class Gravity(ImuCheck):
             return f"{self._open_trim}: ask for the parameters"
         return "the vehicle was never known to be at rest for 3 s while its attitude came"
 
-
     @property
     def remark(self) -> str | None:
         """Also what was held back."""

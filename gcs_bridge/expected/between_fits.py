@@ -66,9 +66,7 @@ def fit_view(pairs: BetweenPairs, noise_rad: float) -> float | None:
     return view_rad
 
 
-def fit_trims(
-    pairs: BetweenPairs, since: int, start: Correction, noise_rad: float
-) -> tuple[Fitted | None, bool]:
+def fit_trims(pairs: BetweenPairs, since: int, start: Correction, noise_rad: float) -> tuple[Fitted | None, bool]:
     """AHRS_TRIM beside the pitch trim of `start`, from where it begins; None unless the pairs say it.
 
     Any turn, of the body or of the world, may have come up at pair `since`: it must fail on the pairs from there on.
@@ -125,7 +123,9 @@ def _trims(pairs: BetweenPairs, start: Correction, weight: Floats) -> Correction
         trims = np.clip(trims, -MOST_TRIM_RAD, MOST_TRIM_RAD)
         at = pairs.apart(Correction(pitch_rad, *trims.tolist())).ravel()
         nearby = (trims + step for step in _STEP_RAD * np.eye(2))
-        slopes = np.stack([(pairs.apart(Correction(pitch_rad, *one.tolist())).ravel() - at) / _STEP_RAD for one in nearby])
+        slopes = np.stack(
+            [(pairs.apart(Correction(pitch_rad, *one.tolist())).ravel() - at) / _STEP_RAD for one in nearby]
+        )
         weighted = slopes * weights
         trims = trims - np.linalg.solve(weighted @ slopes.T + prior, weighted @ at + prior @ trims)
     x, y = np.clip(trims, -MOST_TRIM_RAD, MOST_TRIM_RAD).tolist()

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from gcs_bridge.expected.between import TELLS_RAD, BetweenPairs
-from gcs_bridge.expected.between_fits import Fitted, explains, fit_pitch, fit_trims, fit_view, refit_trims
+from gcs_bridge.expected.between_fits import Fitted, fit_pitch, fit_trims, fit_view, refit_trims
 from gcs_bridge.expected.correction import AHRS_TRIM, PITCH_TRIM, VTOL_VIEW, Correction, CorrectionChange
 from gcs_bridge.expected.knowledge import FirmwareConfig
 from gcs_bridge.expected.pairs import IN_A_ROW

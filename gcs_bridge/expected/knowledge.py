@@ -136,12 +136,16 @@ class FirmwareConfig:
         base: float | None = None
         if "Q_TAILSIT_ENABLE" in told:
             base = TAILSITTER_RAD if told["Q_TAILSIT_ENABLE"] > 0 else 0.0
-        elif told.get("Q_FRAME_CLASS") == _FRAME_TAILSITTER or told.get("Q_TAILSIT_MOTMX", 0.0) > 0:  # older firmware
-            base = TAILSITTER_RAD
-        elif self.sits_on_tail:
+        elif self._is_old_tailsitter or self.sits_on_tail:
             base = TAILSITTER_RAD
         trim = math.radians(told["Q_TRIM_PITCH"]) if "Q_TRIM_PITCH" in told else None
         return base, trim
+
+    @property
+    def _is_old_tailsitter(self) -> bool:
+        """Whether the parameters say so that did before there was Q_TAILSIT_ENABLE."""
+        told = self._parameters
+        return told.get("Q_FRAME_CLASS") == _FRAME_TAILSITTER or told.get("Q_TAILSIT_MOTMX", 0.0) > 0
 
     def _pitch_rad(self) -> float | None:
         """The trim that ArduPlane subtracts, None where it was not told."""

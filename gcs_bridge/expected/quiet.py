@@ -310,7 +310,8 @@ def _seen_between(tails, quaternion, q, at):  # type: ignore[no-untyped-def]  # 
     _, kin = turn_and_kin_of(q0, q1, w0, w1, h)
     rate, change = np.maximum(length(w0), length(w1)), length((w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2]))
     step = STEP_RAD + STEP_PER_RATE_S * rate + 1.5 * h * (KIN_PER_CHANGE * change + KIN_PER_TURN * rate)
-    bound = STAMP_BOUND_RAD + interpolation_bound_of(w0, w1, own, w, kin, np.inf, h, u)
+    unknown = np.inf * h
+    bound = STAMP_BOUND_RAD + interpolation_bound_of(w0, w1, own, w, kin, unknown, h, u)
     return between, np.nan if kin > step or not np.isfinite(bound) else bound
 
 

@@ -16,7 +16,15 @@ from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, last_where
 from gcs_bridge.contract import ExplainedBy
 from gcs_bridge.expected.between import BETWEEN_NOISE_RAD, BETWEEN_NOISE_VIEW_RAD, pairs_between
 from gcs_bridge.expected.between_view import scan_between
-from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, TRIM_FITTED, UNSURE, VTOL_VIEW, Correction, CorrectionChange
+from gcs_bridge.expected.correction import (
+    CAUSE_NAMES,
+    NOTHING,
+    TRIM_FITTED,
+    UNSURE,
+    VTOL_VIEW,
+    Correction,
+    CorrectionChange,
+)
 from gcs_bridge.expected.felt import NO_FORCES, down_felt, forces_of
 from gcs_bridge.expected.knowledge import FORWARD, HOVER, TAILSITTER_RAD, FirmwareConfig
 from gcs_bridge.expected.pairs import (
@@ -161,9 +169,7 @@ class Expected:
         """Take what arrived in this batch, in order of arrival, before `correct` of the same batch."""
         self._news += what
 
-    def correct(
-        self, euler: AttitudeSamples, quaternion: AttitudeSamples, imu: ImuSamples | None = None
-    ) -> Corrected:
+    def correct(self, euler: AttitudeSamples, quaternion: AttitudeSamples, imu: ImuSamples | None = None) -> Corrected:
         """Undo the expected differences in a batch of Euler samples.
 
         The frames say the order of arrival among both, the inertial samples, and with what was told.
@@ -303,9 +309,7 @@ class Expected:
         tails = self._tails = self._tails or new_tails()
         if not self._tails_hold:
             of = forward.between
-            fill_tails(
-                tails, self._euler, self._quaternion, (forward.recent, forward.sparse), (of.recent, of.sparse)
-            )
+            fill_tails(tails, self._euler, self._quaternion, (forward.recent, forward.sparse), (of.recent, of.sparse))
             self._tails_hold = True
         passed = np.array(done)
         pass_quietly(_euler_of(euler), _quaternion_of(quaternion), expectation, tails, forward.learnt, passed)
@@ -404,7 +408,7 @@ class Expected:
             self._mode_since_us = int(t_us[0])
         free[:] = True if mode_view is None else t_us - self._mode_since_us <= _MODE_LAG_US
         unknown = self._told.open_view and not hover.fitted
-        if unknown or hover.correction == self._views[FORWARD].correction :
+        if unknown or hover.correction == self._views[FORWARD].correction:
             return view, free, astray_since_us
         downs = [attitude.body_down(one.correction.undo(rpy_rad)) for one in self._views]
         is_usual, astray = self._seen_as(usual, euler, downs, quaternions)

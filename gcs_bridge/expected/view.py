@@ -277,11 +277,7 @@ class View:
         """The first pairs that settle the view, and that prove its fit: what they make known holds behind them."""
         if not self.settled and (settling := self._settling(pairs, agreements)).any():
             yield int(settling.argmax())
-        if (
-            not self.learnt["is_banked"][0]
-            and self.open & AHRS_TRIM
-            and (banking := _banking(pairs, agreements)).any()
-        ):
+        if not self.learnt["is_banked"][0] and self.open & AHRS_TRIM and (banking := _banking(pairs, agreements)).any():
             yield int(banking.argmax())
         if self.fitted and not self.proven:
             pitch, good = pairs.rpy_rad[:, 1], denials == 0
