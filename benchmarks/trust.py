@@ -228,7 +228,7 @@ def show_recordings(flown: dict[str, list[tuple[Link, Flown]]]) -> None:
 
 def promised(link: Link) -> bool:
     """Whether coverage is promised; of attitudes that never share an instant it is not, nor are there pairs of one."""
-    return link.rate_hz >= COVERED_FROM_HZ and link.trouble != "staggered"
+    return link.rate_hz >= COVERED_FROM_HZ and not link.shares_no_instant
 
 
 def _armed_share(of: Coverage) -> float:

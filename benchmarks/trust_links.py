@@ -10,8 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gcs_bridge import attitude
+from gcs_bridge.diagnosis.causes import Cause, Parameter
 from gcs_bridge.mavlink.dialect import load_dialect
 from gcs_bridge.mavlink.scanner import RawFrame, Scanner
+from gcs_bridge.recordings.edits import falsified, frames_in, spliced
 from gcs_bridge.recordings.faults import Fault
 from gcs_bridge.recordings.inject import inject
 from gcs_bridge.telemetry.samples import AHRS2, ATTITUDE, ATTITUDE_QUATERNION, IMU_MESSAGES
@@ -26,7 +29,13 @@ TROUBLES = {
     "reordered": "a tenth changes places with the next one",
     "doubled": "a tenth comes twice",
     "staggered": "the two attitudes never share an instant: of each, every second one",
+    **{
+        f"{name} apart": f"each quaternion is of {what} after its ATTITUDE; parameters are not told"
+        for name, what in {"3 ms": "3 ms", "7 ms": "7 ms", "17 ms": "17 ms", "half": "half a period"}.items()
+    },
 }
+_APART_MS = {"3 ms apart": 3.0, "7 ms apart": 7.0, "17 ms apart": 17.0}
+_FAR_US = 300_000  # between two quaternions: nothing is interpolated
 SEED = 5
 LATE_S = 0.1
 BURST_S = 0.5
@@ -44,10 +53,17 @@ class Link(NamedTuple):
         lost = f", {self.loss:.0%} lost" if self.loss else ""
         return f"{self.rate_hz:g} Hz{lost}" + (f", {self.trouble}" if self.trouble != "none" else "")
 
+    @property
+    def shares_no_instant(self) -> bool:
+        """Whether the two attitudes never carry one stamp."""
+        return self.trouble == "staggered" or self.trouble.endswith("apart")
+
     def bring(self, data: bytes) -> bytes:
         """The recording as this link would have brought it."""
         if self.trouble == "staggered":
             data = staggered(data)
+        elif self.shares_no_instant:
+            data = apart(untold(data), round(_APART_MS.get(self.trouble, 500.0 / self.rate_hz)))
         faults = [Fault("thin", (self.rate_hz,), name) for name in sorted(sent(data))]
         if self.loss:
             faults.append(Fault("loss", (self.loss,)))
@@ -106,4 +122,61 @@ def staggered(data: bytes) -> bytes:
     return b"".join(records([frame for frame, keep in zip(scanner.raw_frames(), kept.tolist(), strict=True) if keep]))
 
 
+def untold(data: bytes) -> bytes:
+    """The recording without a parameter in it."""
+    table = load_dialect("all")
+    said = frames_in(data, table)
+    said = said.where(said.frames["msgid"] == table["PARAM_VALUE"].msgid)
+    return spliced(
+        data, [(start, stop, b"") for start, stop in zip(said.start.tolist(), said.stop.tolist(), strict=True)]
+    )
+
+
+def apart(data: bytes, by_ms: int) -> bytes:
+    """Each quaternion as it would have been so much later, stamped so."""
+    table = load_dialect("all")
+    found = frames_in(data, table)
+    message = table[ATTITUDE_QUATERNION]
+    found = found.where(found.frames["msgid"] == message.msgid)
+    if not len(found.frames):
+        return data
+    data = spliced(data, sorted(falsified(found, message, _LATER, (float(by_ms),))))
+    return inject(data, [Fault("time_skew", (float(by_ms),))])
+
+
+def _later(sent: np.ndarray, by_ms: tuple[float, ...]) -> np.ndarray:
+    """Fields of one component's quaternions as of a later time: between two by their rates, else by its own."""
+    q = np.stack([sent[name] for name in ("q1", "q2", "q3", "q4")], axis=1).astype(np.float64)
+    w = np.stack([sent[name] for name in ("rollspeed", "pitchspeed", "yawspeed")], axis=1).astype(np.float64)
+    t_us, by_us = sent["time_boot_ms"].astype(np.int64) * 1000, round(1000 * by_ms[0])
+    ahead_q, ahead_w = attitude.integrate(q, w, by_us * 1e-6), w.copy()
+    for row in range(len(t_us) - 1):
+        # The quaternion that is the first at or behind the later time, and the one before it.
+        behind = row + 1
+        while behind < len(t_us) - 1 and t_us[row] < t_us[behind] < t_us[row] + by_us:
+            behind += 1
+        before, gap_us = behind - 1, t_us[behind] - t_us[behind - 1]
+        if 0 < gap_us <= _FAR_US and t_us[before] <= t_us[row] + by_us <= t_us[behind]:
+            share = (t_us[row] + by_us - t_us[before]) / gap_us
+            ends = q[before], q[behind], w[before], w[behind]
+            ahead_q[row], _ = attitude.hermite(*ends, dt_s=gap_us * 1e-6, u=share)
+            ahead_w[row] = (1.0 - share) * w[before] + share * w[behind]
+    later = sent.copy()
+    for column, name in enumerate(("q1", "q2", "q3", "q4")):
+        later[name] = ahead_q[:, column]
+    for column, name in enumerate(("rollspeed", "pitchspeed", "yawspeed")):
+        later[name] = ahead_w[:, column]
+    return later
+
+
+_LATER = Cause(
+    name="later",
+    message=31,
+    acts_on="payload",
+    falsify=_later,
+    undo=None,
+    parameter=Parameter(unit="ms"),
+    fix="",
+    origin="the next instant's attitude",
+)
 _ARRIVALS = {"jitter": late, "bursts": bursts}

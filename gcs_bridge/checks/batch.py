@@ -24,9 +24,10 @@ class CheckBatch:
     `pairs` and `steps` of both. `attitude`: the one attitude that others are compared with, rows of q_nb and body
     rates. `imu`: samples of one inertial sensor. `imu_with_attitude`: those of its samples, of this batch or before,
     whose attitude is known now. `secondary`: of the second estimate. `fixed_wing`, `ardupilot`: 1 or 0 by frame, NaN
-    before a heartbeat said so. `stream_changes`: what started, went stale or resumed; `line`: all timed messages.
-    `heard`: all of the vehicle's frames up to the last of these. `wishes`: rates that were asked for. `statements`:
-    what the vehicle said of itself.
+    before a heartbeat said so; `may_be_trim`: 1 while AHRS_TRIM may still be found in what disagrees; `trim_open`: 1
+    while it is neither told nor fitted, so that it may be anything. `stream_changes`: what started, went stale or
+    resumed; `line`: all timed messages. `heard`: all of the vehicle's frames up to the last of these. `wishes`: rates
+    that were asked for. `statements`: what the vehicle said of itself.
     """
 
     euler: AttitudeSamples
@@ -39,6 +40,8 @@ class CheckBatch:
     secondary: Ahrs2Samples
     fixed_wing: StepSignal
     ardupilot: StepSignal
+    may_be_trim: StepSignal
+    trim_open: StepSignal
     stream_changes: list[StreamChange]
     line: Timeline
     heard: HeardFrames

@@ -30,6 +30,7 @@ _HELD_US, _HELD_SLOW_US = 3_000_000, 6_000_000  # how long a disagreement may be
 _SLOW_US = 400_000
 _START_US = 3_000_000
 _OFF_AXIS = 0.05  # share of a turn that may be about other axes
+_STEEP = 0.1  # the cosine of a pitch at which there is no level axis to the right any more
 _MOST_TRIM_RAD = math.radians(10.0)
 _WEIGHT_FLOOR_RAD = math.radians(0.05)
 _GREATEST_RATE_RAD_S = 100.0  # what is more is damage
@@ -165,6 +166,7 @@ class EulerQuaternion(Check):
             self._limits,
             batch.ardupilot.steps,
             batch.fixed_wing.steps,
+            batch.may_be_trim.steps,
             _Pairs(
                 pairs.frame_index,
                 pairs.t_boot_us,
@@ -272,6 +274,7 @@ def judge_pairs(
     limits: _Limits,
     ardupilot: tuple[Int64s, Floats],
     fixed_wing: tuple[Int64s, Floats],
+    may_be_trim: tuple[Int64s, Floats],
     pairs: _Pairs,
     as_sent: bool,
     found: _Found,
@@ -295,7 +298,9 @@ def judge_pairs(
         note(heading, abs(found.heading[i]))
         _follow_lag(pairs, i, of, found)
         if found.counted[i] and angle > limit and held_at(ardupilot, pairs.frame_index[i]) != 0.0:  # NaN: not known yet
-            found.counted[i] = not _is_withheld(pairs, i, of, found, held_at(fixed_wing, pairs.frame_index[i]) != 0.0)
+            wings = held_at(fixed_wing, pairs.frame_index[i]) != 0.0
+            trim = held_at(may_be_trim, pairs.frame_index[i]) == 1.0
+            found.counted[i] = not _is_withheld(pairs, i, of, found, wings, trim)
         if found.counted[i]:
             of.counted += 1
             of.bad += angle > limit
@@ -356,27 +361,29 @@ def _follow_lag(pairs, i, of, found):  # type: ignore[no-untyped-def]  # typed b
 
 
 @helper
-def _is_withheld(pairs, i, of, found, may_be_fixed_wing):  # type: ignore[no-untyped-def]  # typed by numba
+def _is_withheld(pairs, i, of, found, may_be_fixed_wing, may_be_trim):  # type: ignore[no-untyped-def]  # typed by numba
     """Whether a bad pair disagrees as a firmware may on purpose, while that could still be found out.
 
     What a firmware does is told by parameters and modes, or fitted to some pairs: both take a moment. For so long
-    after its onset a disagreement has no vote if it is a turn about the body's y axis on an ArduPlane (a trim, a
-    view), or, where it is there from a boot's first seconds on, no larger than AHRS_TRIM could make it there.
+    after its onset a disagreement has no vote if it is a turn about the body's y axis, or the level one to its right,
+    on an ArduPlane (a view, a trim), or, where it is there from a boot's first seconds on or such a trim takes time to be fitted, no larger than
+    AHRS_TRIM could make it there.
     """
     before_us, of.bad_us = of.bad_us, max(of.bad_us, pairs.t_boot_us[i])
     if of.bad_us - before_us > _CALM_US:
         of.onset_us = of.bad_us
-    x, _, z = row_at(found.rotvec_body, i)
+    x, y, z = row_at(found.rotvec_body, i)
     angle, limit = found.angle[i], found.limit[i]
-    about_y = np.hypot(x, z) <= _OFF_AXIS * angle + limit
     q_nb, norm2 = ray_at(pairs.q_quaternion, i)
-    _, _, cos_tilt = down_of(q_nb, norm2)
+    _, down_y, cos_tilt = down_of(q_nb, norm2)
+    off_level = abs(cos_tilt * z + down_y * y) / max(np.hypot(down_y, cos_tilt), _STEEP)
+    about_y = min(np.hypot(x, z), np.hypot(x, off_level)) <= _OFF_AXIS * angle + limit
     tilt = np.arccos(np.minimum(np.maximum(cos_tilt, -1.0), 1.0))
     by_trim = angle <= 2.0 * np.sin(tilt / 2.0) * _MOST_TRIM_RAD + limit
     is_starting = of.onset_us - of.first_us < _START_US
     held_us = _HELD_SLOW_US if pairs.duration_us[i] >= _SLOW_US else _HELD_US
     is_young = of.bad_us - of.onset_us < held_us
-    return is_young and ((about_y and may_be_fixed_wing) or (by_trim and is_starting))
+    return is_young and ((about_y and may_be_fixed_wing) or (by_trim and (is_starting or may_be_trim)))
 
 
 @helper

@@ -1,10 +1,12 @@
 """The down that the accelerometer sees against the attitude's down (rule M23): at rest they must be one.
 
 In flight an accelerometer feels every force but gravity, so there only gross differences over seconds tell anything.
+While nobody has told ArduPilot's AHRS_TRIM, what it could make at rest is neither judged nor called good.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -31,6 +33,13 @@ _STATE = np.dtype(
         ("bank_rad", "f8"),
     ]
 )
+_HELD = np.dtype(
+    [
+        ("samples", "i8"),  # at rest, that AHRS_TRIM may have made, which was not told
+        ("most_rad", "f8"),
+    ]
+)
+_MOST_TRIM_RAD = math.radians(10.0)  # AHRS_TRIM's own limit
 _GROSS = 2  # place of that alarm, and of its limit
 
 
@@ -51,6 +60,7 @@ class Gravity(ImuCheck):
         at_rest = "at rest the accelerometer's down is not the attitude's"
         gross = "for seconds the accelerometer's down is far from the attitude's"
         gross_alarm = self._alarm_spec("gross", "alarm", gross, replace(delays, on_delay_s=0.0))
+        self._held = np.zeros(1, _HELD)
         self.alarm_specs = *self._warning_and_alarm(at_rest, delays), gross_alarm
         self._start()
 
@@ -78,7 +88,10 @@ class Gravity(ImuCheck):
                 self._state,
                 self._rest,
                 self._sums.room(n),
+                self._held,
                 batch.fixed_wing.steps,
+                batch.ardupilot.steps,
+                batch.trim_open.steps,
                 seen.frame_index,
                 seen.t_boot_us,
                 seen.f_b_m_s2,
@@ -93,7 +106,23 @@ class Gravity(ImuCheck):
         """Why nothing was judged."""
         if self._scale is None:
             return "no message with an accelerometer was received"
+        if self._held["samples"][0]:
+            return f"{self._open_trim}: ask for the parameters"
         return "the vehicle was never known to be at rest for 3 s while its attitude came"
+
+    @property
+    def remark(self) -> str | None:
+        """Also what was held back."""
+        remarks = [super().remark, self._open_trim if self._held["samples"][0] and self.judged else None]
+        return "; ".join(filter(None, remarks)) or None
+
+    @property
+    def _open_trim(self) -> str:
+        held = self._held[0]
+        return (
+            f"{held['samples']} samples at rest with up to {math.degrees(held['most_rad']):.3g}° were not judged: "
+            "AHRS_TRIM may make that, which was not told then"
+        )
 
 
 @kernel
@@ -105,7 +134,10 @@ def rate_downs(
     states: Annotated[Records, _STATE],
     rests: Annotated[Records, REST],
     sums: Sliding,
+    held: Annotated[Records, _HELD],
     fixed_wing: tuple[Int64s, Floats],
+    ardupilot: tuple[Int64s, Floats],
+    trim_open: tuple[Int64s, Floats],
     frame_index: Int64s,
     t_us: Int64s,
     f_b: FloatRows,
@@ -124,6 +156,10 @@ def rate_downs(
         q, norm2 = _before_trim(q_nb, trim_b, i)
         down, resting = down_of(q, norm2), is_at_rest(rests[0], t_us[i] * 1e-6, force, rates, may_rest[i])
         angle = tilt_felt(q, norm2, force) if resting else np.nan
+        if limits[0] < angle <= _MOST_TRIM_RAD and _is_open(ardupilot, trim_open, frame_index[i]):
+            held[0].samples += 1
+            held[0].most_rad = max(held[0].most_rad, angle)
+            angle = np.nan
         watch(watched, t_us[i], angle, np.isfinite(angle))
         _, since_us = slide_in(sums, t_us[i], (force[0], force[1], force[2], down[0], down[1], down[2]))
         if _is_loud(state, rates, down, held_at(fixed_wing, frame_index[i]) == 1.0):
@@ -138,6 +174,12 @@ def rate_downs(
             if np.isfinite(value):
                 detail = _tilting(own, felt, value) if value > limits[k] else NO_DETAIL
                 vote(votes, places[k], frame_index[i], t_us[i], value, limits[k], detail)
+
+
+@helper
+def _is_open(ardupilot, trim_open, frame_index):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether AHRS_TRIM may be anything."""
+    return held_at(ardupilot, frame_index) == 1.0 and held_at(trim_open, frame_index) == 1.0
 
 
 @helper

@@ -8,6 +8,8 @@ from gcs_bridge import attitude
 from gcs_bridge.columns import Floats
 
 PITCH_TRIM, AHRS_TRIM, VTOL_VIEW = 1, 2, 4  # bits: the causes
+UNSURE = 8  # another bit: AHRS_TRIM may be in it, and pairs of one instant, which would tell at once, do not come
+TRIM_FITTED = 16  # and another: AHRS_TRIM was fitted to pairs of one instant, which tell both of its numbers
 CAUSE_NAMES = {PITCH_TRIM: "pitch_trim", AHRS_TRIM: "ahrs_trim", VTOL_VIEW: "vtol_view"}
 
 
@@ -45,3 +47,16 @@ class Correction(NamedTuple):
 
 
 NOTHING = Correction()
+
+
+class CorrectionChange(NamedTuple):
+    """From the pair `at` on, another correction holds."""
+
+    at: int
+    correction: Correction
+    fitted: int = 0  # causes of it that are fitted
+    gives_up: int = 0  # causes that were fitted, and are none after all
+    between: bool = False  # fitted to pairs of neighbouring instants
+    refines: bool = False  # the same fit as before, better known
+    like_mount: bool = False  # it may be a mount offset instead
+    like_sign: bool = False  # or a wrong sign

@@ -17,11 +17,12 @@ from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 FORWARD, HOVER = 0, 1  # the views
 
 _MOST_VIEW_TRIM_RAD = math.radians(10.0)  # a larger one is not fitted
-_TAILSITTER_RAD = math.radians(90.0)
+TAILSITTER_RAD = math.radians(90.0)
 _VTOL_MODES = (17, 18, 19, 20, 21, 22, 23, 25)  # ArduPlane's QSTABILIZE … QACRO, and LOITER_ALT_QLAND
 _EITHER_MODES = (10, 14, 15, 24, 25)  # AUTO, AVOID_ADSB, GUIDED, THERMAL, LOITER_ALT_QLAND: hovering or not
 _KEEP_TRIM = 1 << 8  # FLIGHT_OPTIONS: the pitch trim is not subtracted
 _FRAME_TAILSITTER = 10  # Q_FRAME_CLASS
+_TAILSITTER_PARAMETERS = ("Q_TAILSIT_ENABLE", "Q_FRAME_CLASS", "Q_TAILSIT_MOTMX")
 
 
 class FirmwareConfig:
@@ -30,7 +31,7 @@ class FirmwareConfig:
     _RELEVANT = frozenset(
         {
             *("AHRS_TRIM_X", "AHRS_TRIM_Y", "PTCH_TRIM_DEG", "TRIM_PITCH_CD", "FLIGHT_OPTIONS"),
-            *("Q_ENABLE", "Q_TRIM_PITCH", "Q_TAILSIT_ENABLE", "Q_FRAME_CLASS"),
+            *("Q_ENABLE", "Q_TRIM_PITCH", *_TAILSITTER_PARAMETERS),
         }
     )
 
@@ -39,6 +40,7 @@ class FirmwareConfig:
         self.type = "unknown"
         self.custom_mode = -1
         self.view_refuted = False  # a fitted one did not go with the mode
+        self.sits_on_tail = False  # so the accelerometer felt, where nothing was told
         self._hovered = False  # a VTOL mode was seen
         self._parameters: dict[str, float] = {}
 
@@ -65,16 +67,22 @@ class FirmwareConfig:
         return self.autopilot not in ("ardupilot", "unknown")
 
     @property
+    def may_be_plane(self) -> bool:
+        """Whether it is an ArduPlane, or may turn out to be one."""
+        return self._is_plane or self.autopilot == "unknown"
+
+    @property
     def _is_plane(self) -> bool:
         return self.autopilot == "ardupilot" and (self.type == "fixed_wing" or self.type.startswith("vtol_"))
 
     @property
     def can_hover(self) -> bool:
-        """Whether it is a plane with a VTOL view: told by Q_ENABLE, by its type, or by a VTOL mode."""
+        """Whether it is a plane with a VTOL view: told by Q_ENABLE, by its type, by a VTOL mode, or as a tailsitter."""
         enabled = self._parameters.get("Q_ENABLE")
         if enabled is not None:
             return self._is_plane and enabled > 0
-        return self._is_plane and (self._hovered or self.type.startswith("vtol_"))
+        is_tailsitter = self._view_parts()[0] == TAILSITTER_RAD
+        return self._is_plane and (self._hovered or self.type.startswith("vtol_") or is_tailsitter)
 
     @property
     def view(self) -> int | None:
@@ -110,10 +118,15 @@ class FirmwareConfig:
         """VTOL_VIEW where the view of a plane that hovers was not told, or in part."""
         return VTOL_VIEW if self.can_hover and not self.view_refuted and None in self._view_parts() else 0
 
+    @property
+    def may_sit_on_tail(self) -> bool:
+        """Whether nobody told if a plane that hovers is a tailsitter, and nothing showed it."""
+        return self.can_hover and not self.view_refuted and self._view_parts()[0] is None
+
     def allows_view(self, view_rad: Floats) -> Mask:
         """Which fitted views agree with what was told of it."""
         base, trim = self._view_parts()
-        bases = (0.0, _TAILSITTER_RAD) if base is None else (base,)
+        bases = (0.0, TAILSITTER_RAD) if base is None else (base,)
         margin = _MOST_VIEW_TRIM_RAD if trim is None else VIEW_NOISE_RAD
         return np.asarray(np.logical_or.reduce([np.abs(view_rad - one - (trim or 0.0)) <= margin for one in bases]))
 
@@ -122,11 +135,17 @@ class FirmwareConfig:
         told = self._parameters
         base: float | None = None
         if "Q_TAILSIT_ENABLE" in told:
-            base = _TAILSITTER_RAD if told["Q_TAILSIT_ENABLE"] > 0 else 0.0
-        elif told.get("Q_FRAME_CLASS") == _FRAME_TAILSITTER:
-            base = _TAILSITTER_RAD
+            base = TAILSITTER_RAD if told["Q_TAILSIT_ENABLE"] > 0 else 0.0
+        elif self._is_old_tailsitter or self.sits_on_tail:
+            base = TAILSITTER_RAD
         trim = math.radians(told["Q_TRIM_PITCH"]) if "Q_TRIM_PITCH" in told else None
         return base, trim
+
+    @property
+    def _is_old_tailsitter(self) -> bool:
+        """Whether the parameters say so that did before there was Q_TAILSIT_ENABLE."""
+        told = self._parameters
+        return told.get("Q_FRAME_CLASS") == _FRAME_TAILSITTER or told.get("Q_TAILSIT_MOTMX", 0.0) > 0
 
     def _pitch_rad(self) -> float | None:
         """The trim that ArduPlane subtracts, None where it was not told."""

@@ -27,7 +27,7 @@ SPARSE_US = 1_000_000  # and one pair a second, as many, for what changes slowly
 
 SECOND_ORDER = 0.2  # of what AHRS_TRIM does, at 10°
 TRIM_PAIRS = 4  # two numbers want more
-_MOST_TRIM_RAD = math.radians(10.0)  # the firmware's own limit
+MOST_TRIM_RAD = math.radians(10.0)  # the firmware's own limit
 _ALIKE = 1e12  # condition number of two columns that say the same
 _STEP_RAD = 1e-6  # for slopes
 STEEP_RAD = math.radians(80.0)  # pairs beyond this pitch of ATTITUDE are not clean
@@ -44,6 +44,7 @@ class EulerRows(_Rows):
     """Samples of ATTITUDE."""
 
     rpy_rad: Floats  # (n, 3) as sent
+    w_b_rad_s: Floats  # (n, 3)
     view: npt.NDArray[np.int8]  # (n,) FORWARD or HOVER
     free: Mask  # (n,) the view may change here
 
@@ -75,7 +76,14 @@ class CleanPairs(_Rows):
 
 
 _INTS, _MASK = np.empty(0, np.int64), np.empty(0, np.bool_)
-NO_EULER = EulerRows(frame_index=_INTS, t_us=_INTS, rpy_rad=np.empty((0, 3)), view=np.empty(0, np.int8), free=_MASK)
+NO_EULER = EulerRows(
+    frame_index=_INTS,
+    t_us=_INTS,
+    rpy_rad=np.empty((0, 3)),
+    w_b_rad_s=np.empty((0, 3)),
+    view=np.empty(0, np.int8),
+    free=_MASK,
+)
 NO_QUATERNION = QuaternionRows(frame_index=_INTS, t_us=_INTS, q_nb=np.empty((0, 4)), w_b_rad_s=np.empty((0, 3)))
 NO_CLEAN_PAIRS = CleanPairs(frame_index=_INTS, t_us=_INTS, rpy_rad=np.empty((0, 3)), q_nb=np.empty((0, 4)), free=_MASK)
 
@@ -172,7 +180,7 @@ def fit_trims(pairs: CleanPairs, rotvec: Floats, pitch_rad: float) -> Correction
         return None
     trims = [2.0 * product / trim_y, trim_y]
     for _ in range(4):
-        if max(map(abs, trims)) > 1.5 * _MOST_TRIM_RAD:
+        if max(map(abs, trims)) > 1.5 * MOST_TRIM_RAD:
             return None
         at = pairs.apart(Correction(pitch_rad, *trims)).ravel()
         nearby = (Correction(pitch_rad, trims[0] + x, trims[1] + y) for x, y in ((_STEP_RAD, 0.0), (0.0, _STEP_RAD)))
@@ -181,7 +189,7 @@ def fit_trims(pairs: CleanPairs, rotvec: Floats, pitch_rad: float) -> Correction
             return None
         trims = [trim - change for trim, change in zip(trims, solved, strict=True)]
     fitted = Correction(pitch_rad, *trims)
-    return fitted if max(map(abs, trims)) <= _MOST_TRIM_RAD and pairs.residual(fitted).max() <= NOISE_RAD else None
+    return fitted if max(map(abs, trims)) <= MOST_TRIM_RAD and pairs.residual(fitted).max() <= NOISE_RAD else None
 
 
 def _least_squares(columns: list[Floats], seen: Floats) -> list[float] | None:

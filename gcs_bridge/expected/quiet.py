@@ -9,10 +9,21 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from gcs_bridge.attitude.compiled import ray_at, vector_of
+from gcs_bridge.attitude.compiled import ray_at, unit_at, vector_of
 from gcs_bridge.attitude.euler import quaternion_of_rpy
-from gcs_bridge.attitude.quaternion import angle_of, conjugated, exponential, product
+from gcs_bridge.attitude.kinematics import interpolated
+from gcs_bridge.attitude.quaternion import angle_of, conjugated, exponential, length, product
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
+from gcs_bridge.expected.between import (
+    LONGEST_US,
+    RARE_US,
+    STAMP_BOUND_RAD,
+    STEP_PER_RATE_S,
+    STEP_RAD,
+    TELLS_RAD,
+    BetweenPairs,
+)
+from gcs_bridge.expected.between_memory import KEPT
 from gcs_bridge.expected.pairs import (
     BANK_RAD,
     IN_A_ROW,
@@ -27,6 +38,7 @@ from gcs_bridge.expected.pairs import (
     QuaternionRows,
 )
 from gcs_bridge.jit import helper, kernel
+from gcs_bridge.pairing.bounds import KIN_PER_CHANGE, KIN_PER_TURN, interpolation_bound_of, turn_and_kin_of
 
 
 class Expectation(NamedTuple):
@@ -40,11 +52,15 @@ class Expectation(NamedTuple):
     settled: bool
     wants_bank: bool  # a pair in a bank would be news
     fitted: bool
+    noise_between_rad: float  # of pairs of neighbouring instants, beside their bound
+    counts_between: bool  # that any come would be news
+    refine_us: int  # and from when on a fit is to be made anew
 
 
 LEARNT = np.dtype(
     [
         ("agreements", "i8"),  # pairs in a row that agree
+        ("between_agreements", "i8"),  # the same of neighbouring instants
         ("is_banked", "?"),  # both forms agreed in a bank: there is no AHRS_TRIM that shows
         ("is_confirmed", "?"),  # some pairs agreed with the correction
         ("like_mount", "?"),  # so far a fitted pitch trim may be a mount offset
@@ -62,16 +78,18 @@ class Rows(NamedTuple):
     held: Int64s  # (1,) how many there were
     frame_index: Int64s  # (room,)
     t_us: Int64s
-    numbers: FloatRows  # (room, 7)
+    numbers: FloatRows  # (room, 8)
 
 
 class Tails(NamedTuple):
     """What is remembered: the last samples of both streams in order, the last pairs, and one pair a second."""
 
-    euler: Rows  # roll, pitch, yaw
+    euler: Rows  # roll, pitch, yaw, body rates
     quaternion: Rows  # w, x, y, z, body rates
     recent: Rows  # roll, pitch, yaw, w, x, y, z
     sparse: Rows
+    between: Rows  # the same of pairs of neighbouring instants, and their bound
+    sparse_between: Rows
 
 
 class Samples(NamedTuple):
@@ -86,11 +104,11 @@ class Samples(NamedTuple):
 
 def new_tails() -> Tails:
     """With nothing in them."""
-    return Tails(*(_new_rows(room) for room in (TAIL, TAIL, RECENT, RECENT)))
+    return Tails(*(_new_rows(room) for room in (TAIL, TAIL, RECENT, RECENT, KEPT, KEPT)))
 
 
 def _new_rows(room: int) -> Rows:
-    return Rows(np.zeros(1, np.int64), np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros((room, 7)))
+    return Rows(np.zeros(1, np.int64), np.zeros(room, np.int64), np.zeros(room, np.int64), np.zeros((room, 8)))
 
 
 def _in_order(rows: Rows) -> tuple[Int64s, Int64s, Floats]:
@@ -118,6 +136,7 @@ def euler_rows(rows: Rows) -> EulerRows:
         frame_index=frame_index,
         t_us=t_us,
         rpy_rad=np.ascontiguousarray(numbers[:, :3]),
+        w_b_rad_s=numbers[:, 3:6].copy(),
         view=np.zeros(n, np.int8),
         free=np.zeros(n, np.bool_),
     )
@@ -127,7 +146,7 @@ def quaternion_rows(rows: Rows) -> QuaternionRows:
     """The last quaternions."""
     frame_index, t_us, numbers = _in_order(rows)
     return QuaternionRows(
-        frame_index=frame_index, t_us=t_us, q_nb=numbers[:, :4].copy(), w_b_rad_s=numbers[:, 4:].copy()
+        frame_index=frame_index, t_us=t_us, q_nb=numbers[:, :4].copy(), w_b_rad_s=numbers[:, 4:7].copy()
     )
 
 
@@ -138,19 +157,30 @@ def pair_rows(rows: Rows) -> CleanPairs:
         frame_index=frame_index,
         t_us=t_us,
         rpy_rad=numbers[:, :3].copy(),
-        q_nb=numbers[:, 3:].copy(),
+        q_nb=numbers[:, 3:7].copy(),
         free=np.zeros(len(t_us), np.bool_),
     )
 
 
+def between_rows(rows: Rows) -> BetweenPairs:
+    """The pairs of neighbouring instants that are kept."""
+    return BetweenPairs(**vars(pair_rows(rows)), bound_rad=_in_order(rows)[2][:, 7].copy())
+
+
 def fill_tails(
-    tails: Tails, euler: EulerRows, quaternion: QuaternionRows, recent: CleanPairs, sparse: CleanPairs
+    tails: Tails,
+    euler: EulerRows,
+    quaternion: QuaternionRows,
+    pairs: tuple[CleanPairs, CleanPairs],
+    between: tuple[BetweenPairs, BetweenPairs],
 ) -> None:
-    """Remember these."""
-    _fill(tails.euler, euler.frame_index, euler.t_us, euler.rpy_rad)
+    """Remember these; of pairs the latest, and one a second."""
+    _fill(tails.euler, euler.frame_index, euler.t_us, euler.rpy_rad, euler.w_b_rad_s)
     _fill(tails.quaternion, quaternion.frame_index, quaternion.t_us, quaternion.q_nb, quaternion.w_b_rad_s)
-    _fill(tails.recent, recent.frame_index, recent.t_us, recent.rpy_rad, recent.q_nb)
-    _fill(tails.sparse, sparse.frame_index, sparse.t_us, sparse.rpy_rad, sparse.q_nb)
+    for rows, of in zip((tails.recent, tails.sparse), pairs, strict=True):
+        _fill(rows, of.frame_index, of.t_us, of.rpy_rad, of.q_nb)
+    for rows, one in zip((tails.between, tails.sparse_between), between, strict=True):
+        _fill(rows, one.frame_index, one.t_us, one.rpy_rad, one.q_nb, one.bound_rad[:, None])
 
 
 # Helpers of the kernel carry no types: numba types them anew wherever they are compiled into one.
@@ -188,8 +218,8 @@ def _remember(rows, samples, i, width):  # type: ignore[no-untyped-def]  # typed
     at = _next_place(rows, samples.frame_index[i], samples.t_us[i])
     for column in range(width):
         rows.numbers[at, column] = samples.numbers[i, column]
-    for axis in range(7 - width):
-        rows.numbers[at, width + axis] = samples.w_b_rad_s[i, axis] if axis < 3 else 0.0
+    for axis in range(3):
+        rows.numbers[at, width + axis] = samples.w_b_rad_s[i, axis]
 
 
 @helper
@@ -242,6 +272,77 @@ def _take_pair(expected, tails, learnt, frame_index, t_us, rpy, r, q, i):  # typ
     return True
 
 
+@helper
+def _between(tails, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """The place of the last Euler sample between the latest quaternion and one at `t_us`; −1: none that matters.
+
+    As `pairs_between` of `expected.between`.
+    """
+    since_us, room = _latest_us(tails.quaternion), tails.euler.t_us.size
+    if since_us < 0 or t_us - since_us > LONGEST_US:
+        return -1
+    held = tails.euler.held[0]
+    for position in range(held - 1, max(held - room, 0) - 1, -1):
+        at_us = tails.euler.t_us[position % room]
+        if at_us < t_us:
+            if at_us <= since_us or abs(tails.euler.numbers[position % room, 1]) > STEEP_RAD:
+                return -1
+            exact = tails.recent.held[0]
+            often = (
+                exact >= IN_A_ROW and at_us - tails.recent.t_us[(exact - IN_A_ROW) % tails.recent.t_us.size] <= RARE_US
+            )
+            return -1 if often else position % room
+    return -1
+
+
+@helper
+def _seen_between(tails, quaternion, q, at):  # type: ignore[no-untyped-def]  # typed by numba
+    """The quaternion at the time of the Euler sample at place `at`, and the bound of that; NaN: none is known."""
+    rows = tails.quaternion
+    last = (rows.held[0] - 1) % rows.t_us.size
+    h = (quaternion.t_us[q] - rows.t_us[last]) * 1e-6
+    u = (tails.euler.t_us[at] - rows.t_us[last]) * 1e-6 / h
+    q0, q1 = unit_at(rows.numbers, last), unit_at(quaternion.numbers, q)
+    w0 = vector_of(rows.numbers[last, 4], rows.numbers[last, 5], rows.numbers[last, 6])
+    w1 = vector_of(quaternion.w_b_rad_s[q, 0], quaternion.w_b_rad_s[q, 1], quaternion.w_b_rad_s[q, 2])
+    own = vector_of(tails.euler.numbers[at, 3], tails.euler.numbers[at, 4], tails.euler.numbers[at, 5])
+    between, w = interpolated(q0, q1, w0, w1, h, u)
+    _, kin = turn_and_kin_of(q0, q1, w0, w1, h)
+    rate, change = np.maximum(length(w0), length(w1)), length((w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2]))
+    step = STEP_RAD + STEP_PER_RATE_S * rate + 1.5 * h * (KIN_PER_CHANGE * change + KIN_PER_TURN * rate)
+    unknown = np.inf * h
+    bound = STAMP_BOUND_RAD + interpolation_bound_of(w0, w1, own, w, kin, unknown, h, u)
+    return between, np.nan if kin > step or not np.isfinite(bound) else bound
+
+
+@helper
+def _is_news(expected, tails, learnt, at, between, bound):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether a pair of neighbouring instants is more than one more that agrees."""
+    roll, pitch, yaw = tails.euler.numbers[at, 0], tails.euler.numbers[at, 1], tails.euler.numbers[at, 2]
+    angle = angle_of(product(conjugated(_undone(expected, roll, pitch, yaw)), between))
+    settles = not expected.settled and bound <= TELLS_RAD and learnt.between_agreements + 1 >= IN_A_ROW
+    is_due = expected.counts_between or tails.euler.t_us[at] >= expected.refine_us
+    return angle > expected.noise_between_rad + bound or settles or is_due
+
+
+@helper
+def _remember_between(tails, learnt, frame_index, at, between, bound):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take a pair of neighbouring instants that is no news."""
+    if bound <= TELLS_RAD:
+        learnt.between_agreements += 1
+        learnt.is_confirmed = learnt.is_confirmed or learnt.between_agreements >= IN_A_ROW
+    t_us, last_us = tails.euler.t_us[at], _latest_us(tails.between)
+    is_first = tails.between.held[0] == 0 or t_us // SPARSE_US != last_us // SPARSE_US
+    for of in range(0 if is_first else 1, 2):
+        rows = tails.sparse_between if of == 0 else tails.between
+        place = _next_place(rows, frame_index, t_us)
+        for axis in range(3):
+            rows.numbers[place, axis] = tails.euler.numbers[at, axis]
+        for axis in range(4):
+            rows.numbers[place, 3 + axis] = between[axis]
+        rows.numbers[place, 7] = bound
+
+
 @kernel
 def pass_quietly(
     euler: Samples, quaternion: Samples, expected: Expectation, tails: Tails, learns: Annotated[Records, LEARNT],
@@ -267,6 +368,12 @@ def pass_quietly(
         else:
             t_us = quaternion.t_us[q]
             if quaternion.valid[q] and t_us > _latest_us(tails.quaternion):
+                near = _between(tails, t_us)
+                between, bound = exponential(vector_of(0.0, 0.0, 0.0)), np.nan
+                if near >= 0:
+                    between, bound = _seen_between(tails, quaternion, q, near)
+                    if np.isfinite(bound) and _is_news(expected, tails, learnt, near, between, bound):
+                        break
                 at = _at_instant(tails.euler, t_us)
                 if at >= 0 and not _take_pair(
                     expected,
@@ -280,6 +387,8 @@ def pass_quietly(
                     q,
                 ):
                     break
+                if np.isfinite(bound):
+                    _remember_between(tails, learnt, quaternion.frame_index[q], near, between, bound)
                 _remember(tails.quaternion, quaternion, q, 4)
             q += 1
     passed[0], passed[1] = e, q

@@ -24,13 +24,22 @@ class TrimsInForce:
         self._told: list[ParameterSet] = []  # that are not in force yet
         self._in_force = {name: StepSignal(0.0) for name in _NAMES}
         self._undone_rad = np.zeros(3)  # as it was undone last
+        self._names: set[str] = set()  # of the parameters that were told
+        self._fitted = False
+        self.open = StepSignal(1.0)  # 1 while it is neither told nor fitted: it may be anything
 
     def hear(self, statements: Iterable[Statement]) -> None:
         """Take what the vehicle said of itself."""
-        self._told += [say for say in statements if isinstance(say, ParameterSet) and say.name in _NAMES]
+        for say in statements:
+            if isinstance(say, ParameterSet) and say.name in _NAMES:
+                self._told.append(say)
+                self._names.add(say.name)
+                if len(self._names) == len(_NAMES) and self.open.latest:
+                    self.open.put(np.array([say.frame_index]), np.zeros(1))
 
     def follow(self, corrected: Corrected) -> None:
         """Take what was undone in the next samples of ATTITUDE."""
+        self._follow_fit(corrected)
         if not self._told and not corrected.undoes and not self._undone_rad.any():
             return
         undone = np.vstack((self._undone_rad, corrected.trim_b_rad))
@@ -46,6 +55,15 @@ class TrimsInForce:
         for frame_index, name, value in sorted(news):
             self._in_force[name].put(np.array([frame_index]), np.array([value]))
 
+    def _follow_fit(self, corrected: Corrected) -> None:
+        """It is open no more while it is fitted."""
+        if len(self._names) == len(_NAMES) or not len(corrected):
+            return
+        fitted = corrected.trim_fitted
+        changes = np.flatnonzero(np.diff(fitted, prepend=self._fitted))
+        self._fitted = bool(fitted[-1])
+        self.open.put(corrected.frame_index[changes], (~fitted[changes]).astype(np.float64))
+
     def at(self, frame_indices: Int64s) -> Floats:
         """The turn (n, 3), rad, from the body's axes to the sensor's, at the frames (n,)."""
         turn_b_rad = np.zeros((len(frame_indices), 3))
@@ -55,5 +73,5 @@ class TrimsInForce:
 
     def forget(self, frame_index: int) -> None:
         """Nothing will be asked about frames before this one."""
-        for trim in self._in_force.values():
+        for trim in (*self._in_force.values(), self.open):
             trim.forget(frame_index)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,9 +14,21 @@ import numpy.typing as npt
 from gcs_bridge import attitude
 from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, last_where, record
 from gcs_bridge.contract import ExplainedBy
-from gcs_bridge.expected.correction import CAUSE_NAMES, NOTHING, VTOL_VIEW, Correction
-from gcs_bridge.expected.knowledge import FORWARD, HOVER, FirmwareConfig
+from gcs_bridge.expected.between import BETWEEN_NOISE_RAD, BETWEEN_NOISE_VIEW_RAD, pairs_between
+from gcs_bridge.expected.between_view import scan_between
+from gcs_bridge.expected.correction import (
+    CAUSE_NAMES,
+    NOTHING,
+    TRIM_FITTED,
+    UNSURE,
+    VTOL_VIEW,
+    Correction,
+    CorrectionChange,
+)
+from gcs_bridge.expected.felt import NO_FORCES, down_felt, forces_of
+from gcs_bridge.expected.knowledge import FORWARD, HOVER, TAILSITTER_RAD, FirmwareConfig
 from gcs_bridge.expected.pairs import (
+    IN_A_ROW,
     NO_CLEAN_PAIRS,
     NO_EULER,
     NO_QUATERNION,
@@ -26,10 +40,12 @@ from gcs_bridge.expected.pairs import (
     QuaternionRows,
     in_order,
     match,
+    run_lengths,
 )
 from gcs_bridge.expected.quiet import (
     Samples,
     Tails,
+    between_rows,
     euler_rows,
     fill_tails,
     new_tails,
@@ -37,8 +53,8 @@ from gcs_bridge.expected.quiet import (
     pass_quietly,
     quaternion_rows,
 )
-from gcs_bridge.expected.view import CorrectionChange, View
-from gcs_bridge.telemetry.samples import AttitudeSamples
+from gcs_bridge.expected.view import View
+from gcs_bridge.telemetry.samples import AttitudeSamples, ImuSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 
 _EFFECT_RAD = math.radians(0.02)  # what the bound of a same-instant pair swallows needs no explanation
@@ -47,6 +63,8 @@ _MODE_LAG_US = 10_000_000  # a tailsitter changes its view when it has turned, s
 _AHEAD_US = 1_000_000  # heartbeats come once a second: the view may change before the mode is told
 _QUATERNION_AGE_S = 1.0
 _VIEW_MATCH_RAD = math.radians(2.0)  # the latest quaternion, brought to the sample's time by its rates, may be off by
+_FELT_RAD = math.radians(30.0)  # without a quaternion the accelerometer tells, which is off by so much in flight,
+_FELT_APART = 2.0 * math.sin(math.radians(60.0) / 2.0)  # between views whose downs are this far from each other
 _VIEW_MATCH_SHARE = 0.25  # so much, or by this share of what is between the views
 
 
@@ -55,8 +73,8 @@ class Corrected(FrameColumns):
     """n Euler samples with the expected differences undone.
 
     `q_nb` (n, 4) [w, x, y, z], FRD to NED; `causes` (n,) bits PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what turned a sample
-    by more than 0.02°; `untold` (n,) bits of what may be in it, was not told and not fitted yet; `applied` (n,) which
-    of the `corrections` was undone, the first of which is none.
+    by more than 0.02°; `untold` (n,) bits of what may be in it, was not told and not fitted yet, UNSURE where that
+    takes time, and TRIM_FITTED; `applied` (n,) which of the `corrections` was undone, the first of which is none.
     """
 
     q_nb: Floats
@@ -79,10 +97,30 @@ class Corrected(FrameColumns):
         """Whether anything was undone."""
         return len(self.corrections) > 1
 
+    def may_be_trim_from(self, before: float) -> tuple[Int64s, Floats]:
+        """Frames (k,) from which on AHRS_TRIM may still be found in what differs, 1, or may not, 0, unlike before."""
+        may_be = ((self.untold & UNSURE) != 0).astype(np.float64)
+        changes = np.flatnonzero(np.diff(may_be, prepend=before))
+        return self.frame_index[changes], may_be[changes]
+
+    @property
+    def trim_fitted(self) -> Mask:
+        """Whether AHRS_TRIM was fitted (n,), and is known as well as if it had been told."""
+        return np.asarray((self.untold & TRIM_FITTED) != 0)
+
     @property
     def trim_b_rad(self) -> Floats:
         """AHRS_TRIM as it was undone in each of the samples: the turn (n, 3) from the body's axes to the IMU's."""
         return np.array([(one.trim_x_rad, one.trim_y_rad, 0.0) for one in self.corrections])[self.applied]
+
+
+class _StepBetween(NamedTuple):
+    """What a pair of neighbouring instants, completed by a frame, makes of a view."""
+
+    frame_index: int
+    t_us: int
+    view: View
+    step: CorrectionChange
 
 
 @dataclass
@@ -93,6 +131,7 @@ class _Explanation:
     values_rad: tuple[float, ...]
     fitted: bool
     view: View
+    fit: int  # of the view
 
 
 class Expected:
@@ -102,9 +141,15 @@ class Expected:
         """Start with nothing told."""
         self._told = FirmwareConfig()
         self._news: list[ParameterSet | ModeSet] = []
-        self._views = (View(NOISE_RAD, comes_and_goes=False), View(VIEW_NOISE_RAD, comes_and_goes=True))
+        self._views = (
+            View(NOISE_RAD, BETWEEN_NOISE_RAD, comes_and_goes=False),
+            View(VIEW_NOISE_RAD, BETWEEN_NOISE_VIEW_RAD, comes_and_goes=True),
+        )
         self._explanations: list[_Explanation] = []
         self._euler, self._quaternion = NO_EULER, NO_QUATERNION  # the latest in order, within this boot
+        self._forces = NO_FORCES  # the latest, of what may be a plane
+        self._on_tail = 0  # samples in a row in which one that hovers is felt to sit on its tail
+        self._on_wings = False  # it was felt to be as ATTITUDE says in forward flight
         self._tails: Tails | None = None  # for the latest, and the pairs of the view: made when some come
         self._tails_hold = False  # whether they are there
         self._done = -1  # frame_index up to which pairs were taken
@@ -114,7 +159,7 @@ class Expected:
 
     def start_boot(self) -> None:
         """Forget what counts within one boot alone. Parameters, modes and what was fitted outlive it."""
-        self._euler, self._quaternion = NO_EULER, NO_QUATERNION
+        self._euler, self._quaternion, self._forces = NO_EULER, NO_QUATERNION, NO_FORCES
         self._tails_hold = False
         self._mode_since_us, self._shown, self._astray_since_us = None, None, -1
         for view in self._views:
@@ -124,11 +169,13 @@ class Expected:
         """Take what arrived in this batch, in order of arrival, before `correct` of the same batch."""
         self._news += what
 
-    def correct(self, euler: AttitudeSamples, quaternion: AttitudeSamples) -> Corrected:
+    def correct(self, euler: AttitudeSamples, quaternion: AttitudeSamples, imu: ImuSamples | None = None) -> Corrected:
         """Undo the expected differences in a batch of Euler samples.
 
-        The frames say the order of arrival among both and with what was told.
+        The frames say the order of arrival among both, the inertial samples, and with what was told.
         """
+        if imu is not None and self._told.may_be_plane:
+            self._forces = forces_of(imu, self._forces)
         q_nb, causes, untold = euler.q_nb, np.zeros(len(euler), np.uint8), np.zeros(len(euler), np.uint8)
         applied, corrections = np.zeros(len(euler), np.int64), [NOTHING]
         news, self._news = self._news, []
@@ -205,16 +252,51 @@ class Expected:
             more = 2 * more if upto == done else _CLOSELY
             if upto[0] > done[0]:
                 forward, rows = self._views[FORWARD], slice(done[0], upto[0])
-                untold[rows] = forward.untold
+                untold[rows] = forward.bits
                 if forward.correction != NOTHING:
                     yield from self._undo(_one_view(euler[rows]), done[0])
             if upto == n:
                 return
             done, upto = upto, _some(euler, quaternion, upto, more)
             parts = euler[done[0] : upto[0]], quaternion[done[1] : upto[1]]
+            felt = self._feel_tail(*parts)
+            if felt is not None:  # look at what came up to there first
+                upto = done[0] + felt + 1, done[1]
+                parts = parts[0][: felt + 1], parts[1][:0]
             for at, q_nb, causes, correction in self._look_at(*parts, untold[done[0] : upto[0]]):
                 yield done[0] + at, q_nb, causes, correction
+            if felt is not None:
+                self._told.sits_on_tail = True
+                self._expect()
             done = upto
+
+    def _feel_tail(self, euler: AttitudeSamples, quaternion: AttitudeSamples) -> int | None:
+        """The row of the Euler samples with which a plane that hovers is felt to be a tailsitter, if any is.
+
+        Nothing told whether it is one, and no quaternion tells its view.
+        """
+        if not self._told.may_sit_on_tail or len(self._quaternion) or not len(euler) or not len(self._forces):
+            return None
+        assert euler.rpy_rad is not None
+        end = int(np.searchsorted(euler.frame_index, quaternion.frame_index[0])) if len(quaternion) else len(euler)
+        rpy_rad = euler.rpy_rad[:end]
+        felt = down_felt(self._forces, euler.frame_index[:end], euler.t_boot_us[:end])
+        forward = self._views[FORWARD].correction
+        on_wings, on_tail = (
+            _norm(attitude.body_down(one.undo(rpy_rad)) - felt)
+            for one in (forward, Correction(view_rad=TAILSITTER_RAD))
+        )
+        if self._told.view == FORWARD:
+            self._on_wings |= bool(((on_wings <= _FELT_RAD) & (3.0 * on_wings < on_tail)).any())
+            self._on_tail = 0
+            return None
+        is_on_tail = (on_tail <= _FELT_RAD) & (3.0 * on_tail < on_wings)
+        in_a_row = run_lengths(is_on_tail, self._on_tail)
+        enough = in_a_row >= IN_A_ROW
+        if enough.any():
+            return int(enough.argmax())
+        self._on_tail = int(in_a_row[-1]) if end else self._on_tail
+        return None
 
     def _pass_quietly(
         self, euler: AttitudeSamples, quaternion: AttitudeSamples, done: tuple[int, int]
@@ -226,7 +308,8 @@ class Expected:
             return done
         tails = self._tails = self._tails or new_tails()
         if not self._tails_hold:
-            fill_tails(tails, self._euler, self._quaternion, forward.recent, forward.sparse)
+            of = forward.between
+            fill_tails(tails, self._euler, self._quaternion, (forward.recent, forward.sparse), (of.recent, of.sparse))
             self._tails_hold = True
         passed = np.array(done)
         pass_quietly(_euler_of(euler), _quaternion_of(quaternion), expectation, tails, forward.learnt, passed)
@@ -245,6 +328,8 @@ class Expected:
             forward = self._views[FORWARD]
             self._euler, self._quaternion = euler_rows(tails.euler), quaternion_rows(tails.quaternion)
             forward.recent, forward.sparse = pair_rows(tails.recent), pair_rows(tails.sparse)
+            between = forward.between
+            between.recent, between.sparse = between_rows(tails.between), between_rows(tails.sparse_between)
             self._tails_hold = False
 
     def _look_at(
@@ -270,6 +355,7 @@ class Expected:
                 frame_index=euler.frame_index[rest],
                 t_us=euler.t_boot_us[rest],
                 rpy_rad=euler.rpy_rad[rest],
+                w_b_rad_s=euler.w_nb_b_rad_s[rest],
                 view=view,
                 free=free,
             )
@@ -279,13 +365,20 @@ class Expected:
             steps = self._scan(parts)
             frame_indices = [int(part.frame_index[step.at]) for part, step in zip(parts, steps, strict=True) if step]
             frame_index = min(frame_indices, default=None)
+            forward, hover = self._views
+            bits = forward.bits, hover.bits & ~UNSURE | forward.bits & UNSURE
+            between = self._scan_between(eulers, quaternions, parts, frame_index)
+            if between is not None:
+                frame_index = between.frame_index
             count = (
                 end - start if frame_index is None else int(np.searchsorted(new.frame_index, frame_index, side="right"))
             )
-            forward, hover = self._views
-            untold[start : start + count] = np.where(view[:count] == FORWARD, forward.untold, hover.untold)
+            untold[start : start + count] = np.where(view[:count] == FORWARD, *bits)
             yield from self._undo(new[:count], start)
             self._keep(parts, steps, frame_index)
+            if between is not None:
+                step, of = between.step, between.view
+                self._forget(of, step.gives_up, of.keep_between(step, between.t_us))
             if count:
                 self._shown, self._astray_since_us = int(view[count - 1]), int(astray_since_us[count - 1])
                 self._euler = self._euler.then(new[:count][good[start : start + count]])
@@ -315,18 +408,10 @@ class Expected:
             self._mode_since_us = int(t_us[0])
         free[:] = True if mode_view is None else t_us - self._mode_since_us <= _MODE_LAG_US
         unknown = self._told.open_view and not hover.fitted
-        if unknown or hover.correction == self._views[FORWARD].correction or not len(quaternions):
+        if unknown or hover.correction == self._views[FORWARD].correction:
             return view, free, astray_since_us
-        latest = np.searchsorted(quaternions.frame_index, euler.frame_index) - 1
-        since_s = (t_us - quaternions.t_us[latest]) * 1e-6
-        turn = 0.5 * (quaternions.w_b_rad_s[latest] + euler.w_nb_b_rad_s) * since_s[:, None]
-        q_now = attitude.multiply(quaternions.q_nb[latest], attitude.quaternion_from_rotvec(turn))
-        down = attitude.body_down(q_now)
         downs = [attitude.body_down(one.correction.undo(rpy_rad)) for one in self._views]
-        off = [_norm(one - down) for one in downs]
-        known = (latest >= 0) & (np.abs(since_s) <= _QUATERNION_AGE_S)
-        known &= np.minimum(*off) <= np.maximum(_VIEW_MATCH_RAD, _VIEW_MATCH_SHARE * _norm(downs[0] - downs[1]))
-        is_usual, astray = (known & (3.0 * off[one] < off[1 - one]) for one in (usual, 1 - usual))
+        is_usual, astray = self._seen_as(usual, euler, downs, quaternions)
         decided = last_where(is_usual | astray)
         undecided = usual if self._shown is None else self._shown
         shown = np.where(decided >= 0, np.where(astray[decided], 1 - usual, usual), undecided)
@@ -338,13 +423,68 @@ class Expected:
         view[:] = np.where(free | ahead, shown, usual)
         return view, free, astray_since_us
 
+    def _seen_as(
+        self, usual: int, euler: AttitudeSamples, downs: list[Floats], quaternions: QuaternionRows
+    ) -> tuple[Mask, Mask]:
+        """Which Euler samples (n,) are seen to show the usual view, and which the other; `downs` (n, 3) of each view.
+
+        By the latest quaternion; where there is none, by the accelerometer, if the views are so far from each other.
+        """
+        t_us, n = euler.t_boot_us, len(euler)
+        down, off_most = np.full((n, 3), np.nan), np.full(n, _VIEW_MATCH_RAD)
+        apart = _norm(downs[0] - downs[1])
+        if len(quaternions):
+            latest = np.searchsorted(quaternions.frame_index, euler.frame_index) - 1
+            since_s = (t_us - quaternions.t_us[latest]) * 1e-6
+            turn = 0.5 * (quaternions.w_b_rad_s[latest] + euler.w_nb_b_rad_s) * since_s[:, None]
+            q_now = attitude.multiply(quaternions.q_nb[latest], attitude.quaternion_from_rotvec(turn))
+            known = (latest >= 0) & (np.abs(since_s) <= _QUATERNION_AGE_S)
+            down[known] = attitude.body_down(q_now)[known]
+            off_most = np.maximum(_VIEW_MATCH_RAD, _VIEW_MATCH_SHARE * apart)
+        unknown = np.isnan(down[:, 0]) & (apart >= _FELT_APART)
+        if unknown.any() and len(self._forces):
+            down[unknown] = down_felt(self._forces, euler.frame_index[unknown], t_us[unknown])
+            off_most[unknown] = _FELT_RAD
+        off = [_norm(one - down) for one in downs]
+        known = np.minimum(*off) <= off_most
+        is_usual, astray = (known & (3.0 * off[one] < off[1 - one]) for one in (usual, 1 - usual))
+        return is_usual, astray
+
     def _scan(self, parts: list[CleanPairs]) -> list[CorrectionChange | None]:
         """The first change that the pairs of each view make in it."""
-        hover = self._views[HOVER]
-        rivals = (hover.correction if hover.fitted and not hover.switched else None, None)
         return [
-            view.scan(part, self._told, rival) for view, part, rival in zip(self._views, parts, rivals, strict=True)
+            view.scan(part, self._told, rival)
+            for view, part, rival in zip(self._views, parts, self._rivals(), strict=True)
         ]
+
+    def _rivals(self) -> tuple[Correction | None, None]:
+        """For each view, a fitted correction of the other that is none if it holds in this one as well."""
+        hover = self._views[HOVER]
+        return (hover.correction if hover.fitted and not hover.switched else None, None)
+
+    def _scan_between(
+        self,
+        euler: EulerRows,
+        quaternion: QuaternionRows,
+        parts: list[CleanPairs],
+        until: int | None,
+    ) -> _StepBetween | None:
+        """Take pairs of neighbouring instants up to the first that makes a change, before the frame `until`."""
+        exact = tuple(view.recent.then(part) for view, part in zip(self._views, parts, strict=True))
+        pairs, views = pairs_between(euler, quaternion, self._done, exact)
+        if until is not None:
+            upto = int(np.searchsorted(pairs.frame_index, until))
+            pairs, views = pairs[:upto], views[:upto]
+        bounds = [0, *(np.flatnonzero(np.diff(views)) + 1).tolist(), len(pairs)]
+        for first, end in pairwise(bounds):
+            if first == end:
+                continue
+            index, part = int(views[first]), pairs[first:end]
+            view = self._views[index]
+            step = scan_between(view, part, self._told, self._rivals()[index])
+            if step is not None:
+                return _StepBetween(int(part.frame_index[step.at]), int(part.t_us[step.at]), view, step)
+        return None
 
     def _keep(self, parts: list[CleanPairs], steps: list[CorrectionChange | None], frame_index: int | None) -> None:
         """Remember the pairs up to the frame `frame_index`, and the step that one of the views made there."""
@@ -353,17 +493,20 @@ class Expected:
             upto = (
                 len(part) if frame_index is None else int(np.searchsorted(part.frame_index, frame_index, side="right"))
             )
-            dropped = view.keep(part[:upto], made).values()
-            given_up = 0 if made is None else made.gives_up
-            self._explanations = [
-                one
-                for one in self._explanations
-                if not (one.fitted and one.cause & given_up)
-                and not (one.view is view and dropped.get(one.cause) == one.values_rad)
-            ]
-            if given_up & VTOL_VIEW:
-                self._told.view_refuted = True
-                self._expect()
+            self._forget(view, 0 if made is None else made.gives_up, view.keep(part[:upto], made))
+
+    def _forget(self, view: View, given_up: int, dropped: Correction) -> None:
+        """A view gave up causes that were fitted, or dropped a correction that no pairs ever confirmed."""
+        values = dropped.values()
+        self._explanations = [
+            one
+            for one in self._explanations
+            if not (one.fitted and one.cause & given_up)
+            and not (one.view is view and values.get(one.cause) == one.values_rad)
+        ]
+        if given_up & VTOL_VIEW:
+            self._told.view_refuted = True
+            self._expect()
         forward, hover = self._views
         if hover.fitted and forward.settled and forward.correction != hover.correction:
             hover.switched = True
@@ -387,12 +530,14 @@ class Expected:
             yield start + rows, q_nb, causes, correction
 
     def _explain(self, cause: int, values_rad: tuple[float, ...], view: View) -> None:
-        new = _Explanation(cause, values_rad, bool(view.fitted & cause), view)
+        fitted = bool(view.fitted & cause) or (cause == VTOL_VIEW and self._told.sits_on_tail)
+        new = _Explanation(cause, values_rad, fitted, view, view.fit)
         latest = max((at for at, one in enumerate(self._explanations) if one.cause == cause), default=None)
         if latest is not None:
             before = self._explanations[latest]
             moved = max(abs(a - b) for a, b in zip(before.values_rad, values_rad, strict=True))
-            if moved == 0.0 or (before.fitted and moved <= _SAME_VALUE_RAD):  # the same, better known
+            refined = before.view is view and before.fit == view.fit and before.fitted
+            if moved == 0.0 or refined or (before.fitted and moved <= _SAME_VALUE_RAD):  # the same, better known
                 self._explanations[latest] = new
                 return
         self._explanations.append(new)
@@ -402,6 +547,8 @@ class Expected:
         alternatives: list[str] = []
         if one.fitted and one.view.correction.values().get(one.cause) == one.values_rad:
             alternatives = one.view.alternatives()
+            if one.cause == VTOL_VIEW and not one.view.fitted:  # felt
+                alternatives = [] if self._on_wings else ["mount_offset"]
         return ExplainedBy(
             cause=CAUSE_NAMES[one.cause],
             value=values_deg if len(values_deg) > 1 else values_deg[0],
@@ -433,6 +580,7 @@ def _one_view(euler: AttitudeSamples) -> EulerRows:
         frame_index=euler.frame_index,
         t_us=euler.t_boot_us,
         rpy_rad=euler.rpy_rad,
+        w_b_rad_s=euler.w_nb_b_rad_s,
         view=np.zeros(n, np.int8),
         free=np.zeros(n, np.bool_),
     )

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
-from gcs_bridge.columns import Int64s, Mask
-from gcs_bridge.expected.correction import AHRS_TRIM, NOTHING, PITCH_TRIM, VTOL_VIEW, Correction
+from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.expected.between_fits import MOST_PITCH_RAD
+from gcs_bridge.expected.between_memory import NEVER_US, BetweenMemory
+from gcs_bridge.expected.correction import (
+    AHRS_TRIM,
+    NOTHING,
+    PITCH_TRIM,
+    TRIM_FITTED,
+    UNSURE,
+    VTOL_VIEW,
+    Correction,
+    CorrectionChange,
+)
 from gcs_bridge.expected.knowledge import FirmwareConfig
 from gcs_bridge.expected.pairs import (
     BANK_RAD,
@@ -32,26 +42,19 @@ from gcs_bridge.expected.pairs import (
 )
 from gcs_bridge.expected.quiet import LEARNT, Expectation
 
-_MOST_PITCH_RAD = math.radians(15.0)  # a larger one is not fitted
+_SAME_FIT_RAD = math.radians(0.3)  # by which pairs of one instant may better a fit to others
 _FIT_FIRST = (3, 4, 6, 8)  # denials after which two numbers are fitted,
 _FIT_EVERY_US = 250_000  # and vehicle time between later attempts
 _Y_AXIS = np.array([[0.0, 1.0, 0.0]])  # of the body: to the right
 
 
-class CorrectionChange(NamedTuple):
-    """From the pair `at` on, another correction holds."""
-
-    at: int
-    correction: Correction
-    fitted: int = 0  # causes of it that are fitted
-    gives_up: int = 0  # causes that were fitted, and are none after all
-
-
 class View:
     """One view of the vehicle: the correction that holds in it, and what the pairs of one instant make of that."""
 
-    def __init__(self, noise_rad: float, *, comes_and_goes: bool) -> None:
+    def __init__(self, noise_rad: float, noise_between_rad: float, *, comes_and_goes: bool) -> None:
         """Start with nothing told; a view that comes and goes may be new wherever the views may change."""
+        self.noise_between_rad = noise_between_rad  # of pairs of neighbouring instants, beside their bound
+        self.comes_and_goes = comes_and_goes
         self.correction = NOTHING
         self.fitted = 0  # causes of it that were fitted
         self.proven = False  # the motion has told the fit from other forms: what denies it now is a fault beside it
@@ -59,11 +62,13 @@ class View:
         self.settled = False  # both forms agreed before: a new difference may be a fault
         self._noise_rad = noise_rad
         self._pitch_moves_rad = 2.0 * TOLD_APART * noise_rad  # so much, and the fit is no wrong sign
-        self._comes_and_goes = comes_and_goes
         self.learnt = np.zeros(1, LEARNT)
         self.learnt["lowest_rad"], self.learnt["highest_rad"] = math.inf, -math.inf
-        self._expected: tuple[Correction, ...] = (NOTHING,)  # what was told, and what may hold instead of it
-        self._open = 0  # causes that may be fitted
+        self.expected: tuple[Correction, ...] = (NOTHING,)  # what was told, and what may hold instead of it
+        self.open = 0  # causes that may be fitted
+        self.fit = 0  # which fit it is; the same as long as it is only refined
+        self.by_between = False  # it rests on pairs of neighbouring instants
+        self.between = BetweenMemory()
         self.recent = self.sparse = NO_CLEAN_PAIRS  # the latest pairs, and one a second
         self._denials = 0  # pairs in a row, up to the last one kept
         self._scanned = (np.empty(0, np.int64), np.empty(0, np.int64))  # the same up to each pair scanned
@@ -71,11 +76,15 @@ class View:
     def start_boot(self) -> None:
         """Pairs of the boot before say nothing any more; the correction still holds, as parameters do."""
         self.recent = self.sparse = NO_CLEAN_PAIRS
-        self._denials, self.learnt["agreements"] = 0, 0
+        self._denials, self.learnt["agreements"], self.learnt["between_agreements"] = 0, 0, 0
+        self.between = BetweenMemory()
+        if self.by_between:
+            self.between.begin_refining(0)
 
     def take_over(self, other: View) -> None:
         """The latest pairs, which were taken for the other view's, may have been this one's."""
         self.recent = other.recent
+        self.between, other.between = other.between, BetweenMemory()
         self._denials, self.learnt["agreements"] = 0, 0
         if len(other.recent):
             self._denials = int(run_lengths(self._denied(other.recent), 0)[-1])
@@ -83,21 +92,33 @@ class View:
     @property
     def untold(self) -> int:
         """Causes that may be in the angles and are not undone: not told, not fitted, and nothing has ruled them out."""
-        return self._open & ~self.fitted & ~(AHRS_TRIM if self.learnt["is_banked"][0] else 0)
+        return self.open & ~self.fitted & ~(AHRS_TRIM if self.learnt["is_banked"][0] else 0)
+
+    @property
+    def bits(self) -> int:
+        """What is known of each sample that shows this view, as `Corrected.untold` has it."""
+        sure = self.fitted & AHRS_TRIM and not self.by_between
+        return self.untold | (UNSURE if self.unsure else 0) | (TRIM_FITTED if sure else 0)
 
     @property
     def denied(self) -> bool:
         """Whether the latest pairs deny the correction."""
-        return self._denials >= IN_A_ROW
+        return max(self._denials, self.between.denied) >= IN_A_ROW
+
+    @property
+    def unsure(self) -> bool:
+        """Whether an AHRS_TRIM may still be found, which takes pairs of neighbouring instants some time."""
+        may_be = self.open & AHRS_TRIM and not self.fitted & AHRS_TRIM
+        return bool(may_be and self.between.comes and not self.between.denies_trims)
 
     def expect(self, expected: tuple[Correction, ...], open_causes: int) -> None:
         """Something was told: what it predicts holds from now on, unless it says nothing new here."""
-        if (expected, open_causes) == (self._expected, self._open):
+        if (expected, open_causes) == (self.expected, self.open):
             return
-        fit_stands = self.fitted and not self.fitted & ~open_causes and expected[0] == self._expected[0]
-        if not fit_stands and (expected[0] != self._expected[0] or self.fitted):
+        fit_stands = self.fitted and not self.fitted & ~open_causes and expected[0] == self.expected[0]
+        if not fit_stands and (expected[0] != self.expected[0] or self.fitted):
             self._hold(CorrectionChange(0, expected[0]))
-        self._expected, self._open = expected, open_causes
+        self.expected, self.open = expected, open_causes
 
     def scan(self, pairs: CleanPairs, told: FirmwareConfig, rival: Correction | None) -> CorrectionChange | None:
         """Find the first of the pairs after which another correction holds; nothing is remembered yet.
@@ -120,7 +141,7 @@ class View:
             where = where[-n:] & hot
             return int(where.argmax()) if where.any() else None
 
-        for other in self._expected:
+        for other in self.expected:
             at = None if other == self.correction else first(in_a_row(seen.residual(other) <= self._noise_rad))
             if at is not None:
                 steps.append(CorrectionChange(at, other))
@@ -128,25 +149,29 @@ class View:
             at = first(in_a_row((seen.residual(rival) <= self._noise_rad) & ~seen.free))
             if at is not None:
                 steps.append(CorrectionChange(at, self.correction, self.fitted, gives_up=VTOL_VIEW))
-        if self._open & VTOL_VIEW and not self.fitted:
+        if self.open & VTOL_VIEW and (not self.fitted or self.by_between):
             turn, fits = turn_about(seen.apart(NOTHING), _Y_AXIS, self._noise_rad)
-            at = first(fits & (seen.free | (not self.settled)) & told.allows_view(turn))
+            fits &= self._refines(turn, self.correction.view_rad)
+            at = first(fits & (seen.free | (not self.settled) | self.by_between) & told.allows_view(turn))
             if at is not None:
                 steps.append(CorrectionChange(at, Correction(view_rad=float(turn[at - n])), VTOL_VIEW))
-        if self._open & PITCH_TRIM:
-            base = self._expected[0]._replace(pitch_rad=0.0)
+        if self.open & PITCH_TRIM:
+            base = self.expected[0]._replace(pitch_rad=0.0)
             turn, fits = turn_about(seen.apart(base), pitch_axis(seen, base), NOISE_RAD)
             pitch = seen.rpy_rad[:, 1]
             moved = np.zeros(len(pitch), np.bool_)
             moved[2:] = np.abs(pitch[2:] - pitch[:-2]) > self._pitch_moves_rad
             told_apart = moved & ~in_a_row(like_mount(seen, turn))
-            at = first(fits & (told_apart | (not self.settled and not self.fitted)) & (np.abs(turn) <= _MOST_PITCH_RAD))
+            allowed = told_apart | (not self.settled and not self.fitted)
+            if self.by_between:
+                allowed |= self._refines(turn, self.correction.pitch_rad)
+            at = first(fits & allowed & (np.abs(turn) <= MOST_PITCH_RAD))
             if at is not None:
                 steps.append(CorrectionChange(at, base._replace(pitch_rad=float(turn[at - n])), PITCH_TRIM))
-        if self._open & AHRS_TRIM:
+        if self.open & AHRS_TRIM:
             steps += self._trims(seen, denials, min((step.at for step in steps), default=n))
-        if self.fitted and not self.proven:
-            steps.append(CorrectionChange(int(hot.argmax()), self._expected[0], gives_up=self.fitted))
+        if self.fitted and not self.proven and not self.by_between:
+            steps.append(CorrectionChange(int(hot.argmax()), self.expected[0], gives_up=self.fitted))
         return min(steps, key=lambda step: step.at, default=None)
 
     def keep(self, pairs: CleanPairs, step: CorrectionChange | None) -> Correction:
@@ -174,14 +199,17 @@ class View:
 
     def expectation(self) -> Expectation | None:
         """What the pairs must show to be no news; None: each of them may be."""
-        if (self.fitted and not self.proven) or self._denials:
+        if (self.fitted and not self.proven) or self._denials or self.between.denied:
             return None
         return Expectation(
             *self.correction,
             limit_rad=TOLD_APART * self._noise_rad,
             settled=self.settled,
-            wants_bank=bool(self._open & AHRS_TRIM and not self.learnt["is_banked"][0]),
+            wants_bank=bool(self.open & AHRS_TRIM and not self.learnt["is_banked"][0]),
             fitted=self.fitted != 0,
+            noise_between_rad=self.noise_between_rad,
+            counts_between=not self.between.comes,
+            refine_us=self.between.refine_us,
         )
 
     def alternatives(self) -> list[str]:
@@ -190,9 +218,13 @@ class View:
             return [] if self.switched else ["mount_offset"]
         return ["mount_offset"] * int(self.learnt["like_mount"][0]) + ["pitch_sign"] * int(self.learnt["like_sign"][0])
 
+    def _refines(self, turn: Floats, fitted_rad: float) -> Mask:
+        """Where turns (n,) only better a fit to pairs of neighbouring instants; everywhere if there is none."""
+        return np.asarray((np.abs(turn - fitted_rad) <= _SAME_FIT_RAD) | (not self.by_between))
+
     def _test(self, good: CleanPairs) -> None:
         """Learn from pairs that confirm a fit what else it could be."""
-        if not self.fitted or not len(good):
+        if not self.fitted or self.by_between or not len(good):
             return
         learnt, trim, pitch = self.learnt[0], self.correction.pitch_rad, good.rpy_rad[:, 1]
         learnt["like_mount"] &= like_mount(good, trim).all()
@@ -202,33 +234,50 @@ class View:
         moved = learnt["highest_rad"] - learnt["lowest_rad"] > self._pitch_moves_rad
         self.proven |= bool(moved and not learnt["like_mount"])
 
+    def keep_between(self, step: CorrectionChange, t_us: int) -> Correction:
+        """Make a step that a pair of neighbouring instants, at `t_us`, asks for; returns as `keep` does."""
+        if step.correction == self.correction and step.fitted == self.fitted:
+            return NOTHING
+        dropped = NOTHING if self.learnt["is_confirmed"][0] or self.fitted or step.refines else self.correction
+        self._hold(step)
+        self.between.hold(t_us, fitted=step.between, whole=bool(step.fitted & AHRS_TRIM))
+        return dropped
+
     def _hold(self, step: CorrectionChange) -> None:
+        learnt, proven = self.learnt, not step.like_mount and not step.like_sign
+        if step.refines:
+            self.correction, self.proven = step.correction, self.proven or proven
+            learnt["like_mount"] &= step.like_mount
+            learnt["like_sign"] &= step.like_sign
+            return
         if step.correction != self.correction:
-            self.learnt["is_banked"] = False
-        self.correction, self.fitted = step.correction, step.fitted
-        self.proven, self.switched = step.fitted == AHRS_TRIM, False
-        self.learnt["like_mount"] = self.learnt["like_sign"] = bool(step.fitted & PITCH_TRIM)
-        self.learnt["lowest_rad"], self.learnt["highest_rad"] = math.inf, -math.inf
+            learnt["is_banked"] = False
+        self.fit += 1
+        self.correction, self.fitted, self.by_between = step.correction, step.fitted, step.between
+        self.proven, self.switched = step.fitted == AHRS_TRIM or (step.between and proven), False
+        learnt["like_mount"] = learnt["like_sign"] = bool(step.fitted & PITCH_TRIM)
+        if step.between:
+            learnt["like_mount"], learnt["like_sign"] = step.like_mount, step.like_sign
+        learnt["lowest_rad"], learnt["highest_rad"] = math.inf, -math.inf
         self.settled |= bool(step.gives_up)  # what deceived once has to be told apart the next time
-        self._denials, self.learnt["agreements"] = 0, 0
-        self.learnt["is_confirmed"] = False
+        self._denials, learnt["agreements"], learnt["between_agreements"] = 0, 0, 0
+        self.between.denied = self.between.denials = 0
+        if not step.between:
+            self.between.refine_us = NEVER_US
+        learnt["is_confirmed"] = False
 
     def _denied(self, pairs: CleanPairs) -> Mask:
         return pairs.residual(self.correction) > TOLD_APART * self._noise_rad
 
     def _settling(self, pairs: CleanPairs, agreements: Int64s) -> Mask:
         settling = agreements >= IN_A_ROW
-        return settling & ~pairs.free if self._comes_and_goes else settling
+        return settling & ~pairs.free if self.comes_and_goes else settling
 
     def _learns(self, pairs: CleanPairs, denials: Int64s, agreements: Int64s) -> Iterator[int]:
         """The first pairs that settle the view, and that prove its fit: what they make known holds behind them."""
         if not self.settled and (settling := self._settling(pairs, agreements)).any():
             yield int(settling.argmax())
-        if (
-            not self.learnt["is_banked"][0]
-            and self._open & AHRS_TRIM
-            and (banking := _banking(pairs, agreements)).any()
-        ):
+        if not self.learnt["is_banked"][0] and self.open & AHRS_TRIM and (banking := _banking(pairs, agreements)).any():
             yield int(banking.argmax())
         if self.fitted and not self.proven:
             pitch, good = pairs.rpy_rad[:, 1], denials == 0
@@ -253,7 +302,7 @@ class View:
         While it fails it is tried a few times a second: the difference grows with the bank, slower than that.
         """
         before, old = len(seen) - len(denials), len(self.sparse)
-        both, pitch_rad = self.sparse.then(seen), self._expected[0].pitch_rad
+        both, pitch_rad = self.sparse.then(seen), self.expected[0].pitch_rad
         rotvec = both.apart(Correction(pitch_rad))
         begins = np.concatenate((np.arange(old), old + self._one_a_second(seen)))
         due = np.isin(denials, _FIT_FIRST) | (np.diff(seen.t_us // _FIT_EVERY_US, prepend=0)[before:] != 0)

@@ -48,7 +48,7 @@ from gcs_bridge.telemetry.heard import HeardFrames, no_frames
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.rate_requests import RateRequest, RateWishes
-from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples
+from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples, ImuSamples
 from gcs_bridge.telemetry.senders import SenderSign
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
 from gcs_bridge.telemetry.stillness import Stillness
@@ -85,7 +85,7 @@ class VehicleJudge:
         self._statements = Statements()
         self._stillness = Stillness(settings.gravity)
         self._trims = TrimsInForce()
-        self._fixed_wing, self._ardupilot = StepSignal(), StepSignal()
+        self._fixed_wing, self._ardupilot, self._may_be_trim = StepSignal(), StepSignal(), StepSignal(0.0)
         self._streams: dict[str, StreamCount] = {}
         self._verdicts = Verdicts(self._checks, self.alarm_manager, self._expected, self._streams, settings)
         self._beside = no_frames()  # of the batch, behind its last message with a time so far
@@ -116,7 +116,7 @@ class VehicleJudge:
         yield from self._hear_more(link)
         yield from self.advance(link)
         last = int(frame_indices[-1])
-        for latest in (self._fixed_wing, self._ardupilot, self._stillness, self._trims):
+        for latest in (self._fixed_wing, self._ardupilot, self._may_be_trim, self._stillness, self._trims):
             latest.forget(last)
 
     @property
@@ -293,10 +293,12 @@ class VehicleJudge:
         told = [say for say in self._news if say.frame_index <= until]
         self._news = [say for say in self._news if say.frame_index > until]
         self._expected.told(say for say in told if isinstance(say, ParameterSet | ModeSet))
-        corrected = self._expected.correct(sent, quaternion)
+        chosen = _inertial(boot, batch)
+        corrected = self._expected.correct(sent, quaternion, chosen)
         euler = sent if corrected.q_nb is sent.q_nb else replace(sent, q_nb=corrected.q_nb)
         self._trims.follow(corrected)
-        imu = self._imu_of(boot, batch)
+        self._may_be_trim.put(*corrected.may_be_trim_from(before=self._may_be_trim.latest))
+        imu = self._imu_of(chosen)
         see = partial(boot.references.take, segment.message, euler, quaternion, imu)
         seeing = Beside(see) if len(segment.message) >= _MANY else None
         aligned = boot.aligner.pair(euler, quaternion, segment.message, None if euler is sent else sent.q_nb)
@@ -329,6 +331,8 @@ class VehicleJudge:
             secondary=_of_boot(batch.secondary, boot),
             fixed_wing=self._fixed_wing,
             ardupilot=self._ardupilot,
+            may_be_trim=self._may_be_trim,
+            trim_open=self._trims.open,
             stream_changes=turns,
             line=line,
             heard=self._heard_until(until + 1),
@@ -408,16 +412,8 @@ class VehicleJudge:
         if answer.entry is not None and answer.entry != record.diagnosis:
             yield from self.alarm_manager.diagnosis(record, answer.entry, frame_index, t_boot_us, link.at(frame_index))
 
-    def _imu_of(self, boot: Boot, batch: VehicleBatch) -> VehicleImu | None:
-        """The samples, within the boot, of the one sensor that is judged by."""
-        own = {}
-        for name, samples in batch.imu.items():
-            mine = (samples.boot == boot.index) & (samples.t_boot_us >= 0) & (samples.frame_index >= boot.frame_index)
-            if mine.all():
-                own[name] = samples
-            elif mine.any():
-                own[name] = samples[mine]
-        chosen = boot.imu.take(own)
+    def _imu_of(self, chosen: ImuSamples | None) -> VehicleImu | None:
+        """Inertial samples with what the vehicle says of itself then."""
         if chosen is None:
             return None
         may_rest, stands = self._stillness.at(chosen.frame_index)
@@ -455,6 +451,18 @@ class VehicleJudge:
                     period_us,
                     samples.valid,
                 )
+
+
+def _inertial(boot: Boot, batch: VehicleBatch) -> ImuSamples | None:
+    """The samples, within the boot, of the one sensor that is judged by."""
+    own = {}
+    for name, samples in batch.imu.items():
+        mine = (samples.boot == boot.index) & (samples.t_boot_us >= 0) & (samples.frame_index >= boot.frame_index)
+        if mine.all():
+            own[name] = samples
+        elif mine.any():
+            own[name] = samples[mine]
+    return boot.imu.take(own)
 
 
 def _of_boot(secondary: Ahrs2Samples, boot: Boot) -> Ahrs2Samples:

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.checks.base import Check
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
-from gcs_bridge.contract import ExplainedBy, Severity, known
+from gcs_bridge.contract import Distribution, ExplainedBy, Severity, known
 from gcs_bridge.expected import Expected
 from gcs_bridge.mavlink.requests import request_command
 from gcs_bridge.report import schema
@@ -20,6 +20,7 @@ from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.stream_counts import StreamCount
 
+_OF_DOWN = ("gravity", "secondary_estimate")
 _SEVERITIES: tuple[Severity, ...] = ("alarm", "warning")  # worst first
 
 
@@ -67,10 +68,15 @@ class Verdicts:
         if check.judged < self._settings.alarm.counted_samples:
             return "no_compare"
         if check is not self._euler_quaternion:
-            return "agree" if check.tells else "no_compare"
+            agrees: schema.CheckVerdict = "explained" if self._is_explained(check) else "agree"
+            return agrees if check.tells else "no_compare"
         if self._undecided:
             return "no_compare"
         return "explained" if self._expected.explains else "agree"
+
+    def _is_explained(self, check: Check) -> bool:
+        """Whether a check of the attitude's down had ATTITUDE alone, of which something was undone first."""
+        return check.name in _OF_DOWN and not self._euler_quaternion.judged and self._expected.explains
 
     def entry(self, check: Check, verdict: schema.CheckVerdict, autopilot: str, both_alive_us: int) -> schema.Check:
         """The report's entry of one check; `both_alive_us`: for so long both attitude streams were alive."""
@@ -79,6 +85,9 @@ class Verdicts:
         if check is self._euler_quaternion:
             numbers["coverage"] = min(check.judged_us / both_alive_us, 1.0) if both_alive_us > 0 else None
             explained_by = self._expected.explanations()
+        elif verdict == "explained":
+            explained_by = self._expected.explanations()
+            numbers["raw"] = Distribution(median=None, p95=None, p99=None, max=None)  # not measured
         reason = self._reason(check, verdict, autopilot)
         remark = check.remark if verdict in ("agree", "explained", "no_compare") and check.judged else None
         return schema.Check(
@@ -101,6 +110,8 @@ class Verdicts:
             return check.broken or ""
         if verdict == "no_compare":
             return self._why_not_compared(autopilot) if check is self._euler_quaternion else check.why_not()
+        if verdict == "explained" and check is not self._euler_quaternion:
+            return "agrees once what the firmware does to ATTITUDE on purpose is undone"
         if verdict == "explained":
             return "the firmware sends the two forms differently on purpose, by what was undone here"
         return check.ok_text

@@ -128,7 +128,7 @@ def _findings(check: Check, detail: int) -> str:
         for cause in check.explained_by:
             estimated = " (estimated)" if cause.estimated else ""
             said.append(f"explained by {cause.cause} {_value(cause.value, cause.unit)}{estimated}")
-        if detail > 0 or check.explained_by:
+        if (detail > 0 or check.explained_by) and check.raw.max is not None:
             said.append(f"raw {_distribution(check.raw, unit)}")
         if detail > 0:
             parts = (("tilt", check.tilt), ("heading", check.heading))

@@ -88,6 +88,11 @@ class StepSignal:
         return np.asarray(self._values[np.searchsorted(self._frame_indices, frame_indices, side="right") - 1])
 
     @property
+    def latest(self) -> float:
+        """The value that holds from the last frame on."""
+        return float(self._values[-1])
+
+    @property
     def steps(self) -> tuple[Int64s, Floats]:
         """From which frames on (k,) which values (k,) hold: for `held_at`."""
         return self._frame_indices, self._values
