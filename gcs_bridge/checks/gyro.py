@@ -19,17 +19,22 @@ from gcs_bridge.alarms.votes import Ballot, Votes, vote
 from gcs_bridge.attitude.quaternion import length
 from gcs_bridge.checks.base import ImuCheck, Watched, is_known, row_at, watch
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.checks.windows import TOO_SLOW, follow_swing, new_swing, new_turning, told_by_rates, too_slow_for
+from gcs_bridge.checks.windows import PEAK, TOO_SLOW, follow_swing, new_swing, new_turning, told_by_rates, too_slow_for
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Records
 from gcs_bridge.jit import helper, kernel
-from gcs_bridge.pairing.bounds import BEYOND_GYROS_RAD_S
+from gcs_bridge.pairing.bounds import BEYOND_GYROS_RAD_S, RATE_BOUND_S
 from gcs_bridge.settings import AlarmSettings, GyroSettings
 
 _BLOCK_US = 10_000_000  # after so long, the lag between the clocks is estimated anew
 _LEAST_CHANGE_RAD_S2 = math.radians(20.0)  # on average, before a lag can be told
 _LONGEST_LAG_S = 0.1
 _LONGEST_STEP_S = 2.0  # a sample behind a longer gap tells no more of the bias than one of these
-_UNSEEN = 2.5  # times what neither account explains: by so much may gyro and rates differ in a swing (measured: 2.3)
+_UNSEEN = 2.5  # times what neither account explains: by so much gyro and rates may differ in a swing (a sine: 2.3)
+# Where both miss the turn alike, as its stamps make them, the factor is smaller: it is learned from time to time, but not
+# from what lies to one side, as a fault does. What it rests on as long as little is known, rad²/s:
+_FEW_MISSED = math.radians(2.0) ** 2
+_LEARNED_US, _REMEMBERED_S, _ONE_SIDED = 2_000_000, 20.0, 0.8
+_SUDDEN = 3.0  # times as much as usual: of that nothing is learned yet
 _MOST_UNSEEN = 2.0  # alarm limits, up to which a sample is judged with so much more allowed
 _SCALE = 0.05  # of the rate, by which a healthy gyro's scale and axes may be off: it is no bias
 
@@ -41,6 +46,16 @@ _STATE = np.dtype(
         ("learned_s", "f8"),  # for how long the bias was followed, less where little could be told of it
         ("bias_rad_s", "f8", (3,)),
         ("lag_s", "f8"),  # of the clocks
+        # Sums over the last time: of the difference squared, of what neither account of a turn explains squared, s.
+        ("differed", "f8"),
+        ("missed", "f8"),
+        ("remembered_s", "f8"),
+        # The same since `new_us`, and of the difference itself.
+        ("new_us", "i8"),
+        ("new_differed", "f8"),
+        ("new_missed", "f8"),
+        ("new_s", "f8"),
+        ("new_sum", "f8", (3,)),
         # Of the block that the next lag is estimated by.
         ("block_end_us", "i8"),
         ("along", "f8"),  # sum of the differences along the changes of rate
@@ -184,7 +199,7 @@ def rate_gyro(
             _begin(state, t_us[i], (x, y, z))
         step_s = min(max((t_us[i] - state.last_us) * 1e-6, 0.0), _LONGEST_STEP_S)
         state.last_us = max(t_us[i], state.last_us)
-        unseen = _unseen(state, swings, start, end, row_at(turn, i), (x, y, z), gap_s[i], step_s)
+        unseen = _unseen(state, swings, t_us[i], start, end, row_at(turn, i), (x, y, z), gap_s[i], step_s)
         if not told:
             untold[0].too_slow += 1
             watch(watched, t_us[i], 0.0, False)
@@ -199,7 +214,7 @@ def rate_gyro(
         z = _beyond_bias(state, 2, z, dz / dt, share, trust)
         value = length((x, y, z))
         judged = t_us[i] >= state.first_us + state.skipped_us
-        if judged and unseen > _MOST_UNSEEN * limits[1]:
+        if judged and value > limits[0] + change and unseen > _MOST_UNSEEN * limits[1]:
             untold[0].too_slow += 1
             judged = False
         watch(watched, t_us[i], value, judged)
@@ -213,30 +228,62 @@ def rate_gyro(
 def _begin(state, t_us, difference):  # type: ignore[no-untyped-def]  # typed by numba
     """Take the first difference for the bias."""
     state.started, state.first_us, state.last_us, state.block_end_us = 1, t_us, t_us, t_us + _BLOCK_US
+    state.new_us = t_us
     for axis in range(3):
         state.bias_rad_s[axis] = difference[axis]
 
 
 @helper
-def _unseen(state, swings, start, end, turn, difference, gap_s, step_s):  # type: ignore[no-untyped-def]  # typed by numba
+def _unseen(state, swings, t_us, start, end, turn, difference, gap_s, step_s):  # type: ignore[no-untyped-def]  # typed by numba
     """By how much gyro and rates may differ, rad/s, since the rates swing between the samples.
 
     `difference` of the gyro from the rates at its time: with that, the rates' own mean is brought to the gyro's.
     """
     if gap_s <= 0.0:
-        return _UNSEEN * min(swings[0][0], swings[1][0])
-    of_rates = of_gyro = most = 0.0
+        return 0.0
+    of_rates = of_gyro = most = turned = differs = 0.0
     for axis in range(3):
         mean = 0.5 * (start[axis] + end[axis])
         rate, change = turn[axis] / gap_s, 0.5 * (end[axis] - start[axis])
-        off = difference[axis] - state.bias_rad_s[axis]
+        off = difference[axis] - state.bias_rad_s[axis] - state.lag_s * 2.0 * change / gap_s
         of_rates += (rate - mean) ** 2 + change * change
         of_gyro += (rate - mean - off) ** 2
+        turned += rate * rate
+        differs += off * off
+        state.new_sum[axis] += off * step_s
         most += max(start[axis] * start[axis], end[axis] * end[axis], (mean + off) ** 2)
     most = 2.0 * np.sqrt(most)  # what swings by more shows it: a reset of the attitude does not
-    by_rates = follow_swing(swings[0], min(np.sqrt(of_rates), most), step_s, gap_s)
-    by_gyro = follow_swing(swings[1], min(np.sqrt(of_gyro), most), step_s, gap_s)
-    return _UNSEEN * min(by_rates, by_gyro)
+    stamps = RATE_BOUND_S / gap_s * np.sqrt(turned)  # both are whole milliseconds
+    of_rates, of_gyro = (
+        min(max(np.sqrt(of_rates) - stamps, 0.0), most),
+        min(max(np.sqrt(of_gyro) - stamps, 0.0), most),
+    )
+    by_rates = follow_swing(swings[0], of_rates, step_s, gap_s)
+    by_gyro = follow_swing(swings[1], of_gyro, step_s, gap_s)
+    state.new_differed += min(differs, most * most) * step_s
+    state.new_missed += min(of_rates, of_gyro) ** 2 * step_s
+    state.new_s += step_s
+    if t_us - state.new_us >= _LEARNED_US:
+        _learn(state, t_us)
+    missed = min(by_rates, by_gyro)
+    if missed * missed * state.remembered_s > (PEAK * _SUDDEN) ** 2 * state.missed:
+        return _UNSEEN * missed
+    squared = (_UNSEEN * _UNSEEN * _FEW_MISSED + state.differed) / (_FEW_MISSED + state.missed)
+    return min(np.sqrt(squared), _UNSEEN) * missed
+
+
+@helper
+def _learn(state, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take what was seen since the last time into what is remembered, and begin anew."""
+    x, y, z = state.new_sum
+    if x * x + y * y + z * z <= _ONE_SIDED * state.new_s * state.new_differed:
+        kept = max(1.0 - state.new_s / _REMEMBERED_S, 0.0)
+        state.differed = kept * state.differed + state.new_differed
+        state.missed = kept * state.missed + state.new_missed
+        state.remembered_s = kept * state.remembered_s + state.new_s
+    state.new_us, state.new_differed, state.new_missed, state.new_s = t_us, 0.0, 0.0, 0.0
+    for axis in range(3):
+        state.new_sum[axis] = 0.0
 
 
 @helper

@@ -90,7 +90,7 @@ class Kinematics(Check):
         self._start()
 
     def _alarms_of(self, name: str, delays: AlarmSettings, slow: AlarmSettings) -> tuple[AlarmSpec, ...]:
-        """Of one stream: an alarm of its steps; warnings of slope and of turning over seconds, and of no rates at all."""
+        """Of one stream: an alarm of its steps; warnings of slope, of turning over seconds, of impossible rates."""
         lead_s = self._limits.window_s
         scale, turn = (
             f"the rates of {name} have another scale than its turn",

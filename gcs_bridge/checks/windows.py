@@ -21,7 +21,7 @@ _SHORT_S = 0.12  # 10 Hz and above
 _TOLD_SHORT_RAD = math.radians(45.0)
 _FADES_GAPS = 5.0  # to half
 _SWINGS_S = 20.0
-_PEAK = 1.5  # of a swing above its root mean square, 1.41 of a sine
+PEAK = 1.5  # of a swing above its root mean square, 1.41 of a sine
 _FEW = 16  # samples that there is room for at first
 
 # Slots of `Sliding.of`.
@@ -80,12 +80,13 @@ def told_by_rates(turning, speed0, speed1, gap_s):  # type: ignore[no-untyped-de
 def follow_swing(swing, missed, dt_s, gap_s):  # type: ignore[no-untyped-def]  # typed by numba
     """Take how far one account of the turn across a gap `missed` it, rad/s, and return by how much it may miss now.
 
-    The largest of late fades within some gaps; what is missed all the time is remembered for as long as a slow beat of
-    the motion with the samples may hide it. `swing`: of `new_swing`.
+    In the mean square over the last gaps, and over so long a time as a slow beat of the motion with the samples may hide
+    it. `swing`: of `new_swing`.
     """
-    swing[0] = max(missed, swing[0] * 0.5 ** (dt_s / (_FADES_GAPS * max(gap_s, 1e-3))))
-    swing[1] += min(dt_s / _SWINGS_S, 1.0) * (missed * missed - swing[1])
-    return max(swing[0], _PEAK * np.sqrt(swing[1]))
+    squared = missed * missed
+    swing[0] += (1.0 - 0.5 ** (dt_s / (_FADES_GAPS * max(gap_s, 1e-3)))) * (squared - swing[0])
+    swing[1] += min(dt_s / _SWINGS_S, 1.0) * (squared - swing[1])
+    return PEAK * np.sqrt(max(swing[0], swing[1]))
 
 
 def too_slow_for(slow: int, judged: int) -> str | None:
