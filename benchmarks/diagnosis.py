@@ -58,7 +58,7 @@ STRENGTHS = {
 FAULTS = [
     fault
     for cause in CAUSES.values()
-    if cause.falsify is not None
+    if cause.falsify is not None and cause.acts_on != "rates"  # the two forms are one rotation
     for fault in ([f"{cause.name}:{value}" for value in STRENGTHS.get(cause.name, [])] or [cause.name])
 ]
 RATES = {  # as it is recorded, and at the rates that many users have

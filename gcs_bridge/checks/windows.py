@@ -13,10 +13,15 @@ import numpy as np
 from gcs_bridge.columns import FloatRows, Floats, Int64s
 from gcs_bridge.jit import helper
 
+TOO_SLOW = "its motion is too fast for the streams: between two samples it swings further than they tell"
+_WORTH_SAYING = 0.01  # of the samples
 _LATELY = 4  # gaps before this one
 _TOLD_RAD = math.radians(20.0)
 _SHORT_S = 0.12  # 10 Hz and above
 _TOLD_SHORT_RAD = math.radians(45.0)
+_FADES_GAPS = 5.0  # to half
+_SWINGS_S = 20.0
+PEAK = 1.5  # of a swing above its root mean square, 1.41 of a sine
 _FEW = 16  # samples that there is room for at first
 
 # Slots of `Sliding.of`.
@@ -69,6 +74,31 @@ def told_by_rates(turning, speed0, speed1, gap_s):  # type: ignore[no-untyped-de
         turned = turning[i] * gap_s
         told &= turned <= _TOLD_RAD or (gap_s <= _SHORT_S and turned <= _TOLD_SHORT_RAD)
     return told
+
+
+@helper
+def follow_swing(swing, missed, dt_s, gap_s):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take how far one account of the turn across a gap `missed` it, rad/s, and return by how much it may miss now.
+
+    In the mean square over the last gaps, and over so long a time as a slow beat of the motion with the samples may hide
+    it. `swing`: of `new_swing`.
+    """
+    squared = missed * missed
+    swing[0] += (1.0 - 0.5 ** (dt_s / (_FADES_GAPS * max(gap_s, 1e-3)))) * (squared - swing[0])
+    swing[1] += min(dt_s / _SWINGS_S, 1.0) * (squared - swing[1])
+    return PEAK * np.sqrt(max(swing[0], swing[1]))
+
+
+def too_slow_for(slow: int, judged: int) -> str | None:
+    """What there is to say of samples too `slow` for the motion, beside those judged; None: hardly any, or all."""
+    if not judged or slow < _WORTH_SAYING * (slow + judged):
+        return None
+    return f"{slow} of {slow + judged} samples are not judged: {TOO_SLOW}"
+
+
+def new_swing() -> Floats:
+    """How far an account of a stream's turns misses them (2,): lately, rad/s, and over longer times, squared."""
+    return np.zeros(2)
 
 
 def new_turning() -> Floats:

@@ -85,11 +85,11 @@ def _table() -> Iterator[str]:
     from gcs_bridge.diagnosis.causes import CAUSES
     from gcs_bridge.recordings.link_faults import LINK_FAULTS
 
-    messages = {30: "ATTITUDE", 31: "ATTITUDE_QUATERNION"}
+    messages = {(30,): "ATTITUDE", (31,): "ATTITUDE_QUATERNION", (30, 31): "both messages"}
     rows = [
-        (cause.name, messages[cause.message], cause.parameter, cause.origin)
+        (cause.name, messages[cause.messages], cause.parameter, cause.origin)
         for cause in CAUSES.values()
-        if cause.message is not None  # None: an event, that is not made
+        if cause.messages  # none: an event, that is not made
     ]
     rows += [(name, "any message", fault.parameter, fault.origin) for name, fault in LINK_FAULTS.items()]
     yield f"{'fault':<24}{'falsifies':<21}{'default':<9}value"

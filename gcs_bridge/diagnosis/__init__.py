@@ -19,12 +19,12 @@ from gcs_bridge.diagnosis import wording as words
 from gcs_bridge.diagnosis.causes import CAUSES, Value
 from gcs_bridge.diagnosis.hypotheses import NO_MISTAKE, Hypothesis, Mistakes
 from gcs_bridge.diagnosis.ranking import SHARP, HypothesisSearch, RatedHypothesis, Verdict
-from gcs_bridge.diagnosis.single_stream import at_fault, frozen, norms
+from gcs_bridge.diagnosis.single_stream import at_fault, frozen, norms, sends_euler_rates
 from gcs_bridge.diagnosis.window import Window, pair, plain_attitude
 from gcs_bridge.settings import AlignmentSettings
 from gcs_bridge.telemetry.samples import AttitudeSamples
 
-__all__ = ["Diagnosis", "Window", "diagnose", "diagnose_norm", "plain_attitude"]
+__all__ = ["Diagnosis", "Window", "diagnose", "diagnose_norm", "diagnose_rates", "plain_attitude"]
 
 _MAX_CANDIDATES = 4
 _LEAST_S = 1.0  # of data, before a constant or a lag is certain
@@ -99,6 +99,16 @@ def diagnose_norm(quaternion: AttitudeSamples) -> Diagnosis | None:
         side=31,
         fix=f"No one factor explains norms from {least:.3g} to {most:.3g}: look for what changes single numbers of it.",
     )
+
+
+def diagnose_rates(euler: AttitudeSamples, quaternion: AttitudeSamples) -> Diagnosis | None:
+    """Name what makes the turns of the two messages, or of one, other than their rates say; None: no known mistake."""
+    with np.errstate(invalid="ignore"):
+        known = {side: sends_euler_rates(samples) for side, samples in ((30, euler), (31, quaternion))}
+    told = [side for side, found in known.items() if found is not None]
+    if not told or any(known[side] is False for side in told):
+        return None
+    return _named(Hypothesis((("euler_rates", ()),)), "certain")
 
 
 def _diagnosed(window: Window, alignment: AlignmentSettings) -> Diagnosis | None:

@@ -20,8 +20,10 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.attitude import (
+    body_rates_from_euler_rates,
     conjugate,
     euler_from_quaternion,
+    euler_rates_from_body_rates,
     multiply,
     quaternion_from_euler,
     quaternion_from_rotvec,
@@ -104,18 +106,25 @@ class Cause:
     - "quaternion": (N, 4), q_nb `[w, x, y, z]`
     - "rpy": (N, 3), roll, pitch, yaw, rad
     - "time": (N,), time since boot, ms, neither wrapped nor rounded
+    - "rates": (N, 6), roll, pitch, yaw, rad, and the body rates, rad/s, of which the latter alone are falsified; both
+      messages carry the same rates, so both are at fault
     - "payload": (N, …), whatever the message carries beside its time, in the order of time
     - None: nothing that one message carries; such a cause is only named, never made
     """
 
     name: str
     message: Literal[30, 31] | None
-    acts_on: Literal["quaternion", "rpy", "time", "payload"] | None
+    acts_on: Literal["quaternion", "rpy", "rates", "time", "payload"] | None
     falsify: Change | None = None
     undo: Change | None = None
     parameter: Parameter = NO_VALUE
     fix: str
     origin: str
+
+    @property
+    def messages(self) -> tuple[int, ...]:
+        """The messages that it falsifies."""
+        return (30, 31) if self.acts_on == "rates" else () if self.message is None else (self.message,)
 
     @property
     def unit(self) -> str:
@@ -168,6 +177,16 @@ def _xyz_from_rpy(rpy: _Array, _: Value) -> _Array:
 
 def _rpy_from_xyz(angles_rad: _Array, _: Value) -> _Array:
     return rpy_from_quaternion(quaternion_from_euler(angles_rad, "XYZ"))
+
+
+def _as_angles_change(samples: _Array, _: Value) -> _Array:
+    rpy, w = samples[..., :3], samples[..., 3:]
+    return np.concatenate([rpy, euler_rates_from_body_rates(rpy, w)], axis=-1)
+
+
+def _as_the_body_turns(samples: _Array, _: Value) -> _Array:
+    rpy, rates = samples[..., :3], samples[..., 3:]
+    return np.concatenate([rpy, body_rates_from_euler_rates(rpy, rates)], axis=-1)
 
 
 def _held(samples: _Array, _: Value) -> _Array:
@@ -326,6 +345,15 @@ _ROWS = (
         **_rpy_signs(1.0, 1.0, -1.0),
         fix="Turn the sign of yaw: positive is clockwise seen from above.",
         origin="A world whose z points up, where yaw counts anticlockwise.",
+    ),
+    Cause(
+        name="euler_rates",
+        message=None,
+        acts_on="rates",
+        falsify=_as_angles_change,
+        undo=_as_the_body_turns,
+        fix="Send the body's rates p, q, r, not how fast roll, pitch and yaw change.",
+        origin="Angles that were differentiated, or a simulator's rates of its angles, put into the rates' fields.",
     ),
     Cause(
         name="enu_rfu",

@@ -159,7 +159,11 @@ def _of(*names: str) -> Hypothesis:
     return Hypothesis(tuple((name, ()) for name in names))
 
 
-_SINGLE = tuple(_of(row.name) for row in CAUSES.values() if row.undo is not None and row.parameter.count == 0)
+_SINGLE = tuple(
+    _of(row.name)
+    for row in CAUSES.values()
+    if row.undo is not None and row.parameter.count == 0 and row.acts_on != "rates"  # of no attitude
+)
 
 SIMPLE = (
     *_SINGLE,

@@ -20,6 +20,8 @@ _FROZEN_SHARE = 0.9
 _MOVED_RAD = np.radians(1.0)
 _LEAST = 5
 _STEP_S = 1.0  # longer steps say nothing about rates
+_TURNED_RAD = np.radians(20.0)  # before rates show what they mean
+_LEFT_SHARE = 0.25  # of what the rates miss the turn by: what a mistake that explains it leaves
 _NAME = {EULER: "frozen_euler", QUATERNION: "frozen_quaternion"}
 
 
@@ -71,6 +73,26 @@ _ONE_SIDED = {
     *("quaternion_xyzw", "quaternion_unnormalised", "frozen_quaternion", "frozen_euler"),
     *("euler_degrees", "euler_xyz_order", "roll_pitch_swapped", "roll_sign", "pitch_sign", "yaw_sign", "pitch_trim"),
 }
+
+
+def sends_euler_rates(samples: AttitudeSamples) -> bool | None:
+    """Whether the angles' rates stand where the body's should: they account for the steps, and body rates do not.
+
+    None: it came too seldom, or hardly turned, to tell.
+    """
+    samples = samples.where(samples.valid)
+    if len(samples) < _LEAST:
+        return None
+    t_us, q, w = samples.t_boot_us, samples.q_nb, samples.w_nb_b_rad_s
+    h_s = np.diff(t_us) * 1e-6
+    body = attitude.body_rates_from_euler_rates(attitude.rpy_from_quaternion(q), w)
+    turn, as_sent = turn_and_kin(q[:-1], q[1:], w[:-1], w[1:], h_s)
+    _, undone = turn_and_kin(q[:-1], q[1:], body[:-1], body[1:], h_s)
+    good = np.isfinite(as_sent) & np.isfinite(undone) & (h_s > 0.0) & (h_s < _STEP_S)
+    if good.sum() < _LEAST or np.sqrt(np.square(turn[good]).sum(axis=1)).sum() < _TURNED_RAD:
+        return None
+    missed, left = as_sent[good].sum(), undone[good].sum()
+    return bool(left < _LEFT_SHARE * missed)
 
 
 def _off_rates(pairing: Pairing, side: int) -> float | None:

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,11 @@ from gcs_bridge.expected import CAUSE_NAMES, Corrected
 from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples, no_attitudes
+
+Question = Literal["forms", "norm", "rates"]
+"""The two forms of the attitude, the quaternion's norm, or each message's turn against its own rates."""
+QUESTIONS: dict[str, Question] = {"quaternion_norm": "norm", "kinematics": "rates"}
+"""What alarms of a check ask about; all others about the two forms."""
 
 _KEPT_US = 30_000_000  # without a disagreement: what an onset may reach back, and clean data before it
 _LONGEST_US = 40_000_000  # of a disagreement: more data tells no more
@@ -125,21 +130,25 @@ class DiagnosisCases:
             case.again_us = case.onset_us + 2 * (case.again_us - case.onset_us)
             yield int(pairs.frame_index[row]), int(latest[row])
 
-    def ask(self, name: str, frame_index: int, t_boot_us: int, *, of_norm: bool) -> Answer:
-        """What explains the disagreement, or the quaternions' norm, by all that came up to the frame `frame_index`."""
+    def ask(self, name: str, frame_index: int, t_boot_us: int, *, of: Question) -> Answer:
+        """What explains the disagreement `of` what the question is about, by all that came up to the frame."""
         case = self._cases[name]
         from gcs_bridge import diagnosis  # only here: most vehicles have no use for a doctor
 
-        window = diagnosis.Window(**self._window(case, frame_index))
-        if of_norm:
+        window = diagnosis.Window(**self._window(case, frame_index, of))
+        if of == "norm":
             found = diagnosis.diagnose_norm(window.quaternion)
+        elif of == "rates":
+            found = diagnosis.diagnose_rates(window.euler, window.quaternion)
         else:
             found = diagnosis.diagnose(window, self._settings.alignment)
         return Answer(frame_index, t_boot_us, None if found is None else found.entry())
 
-    def _window(self, case: _Case, frame_index: int) -> dict[str, Any]:
+    def _window(self, case: _Case, frame_index: int, of: Question) -> dict[str, Any]:
         """What was sent from the onset on, as the doctor's window wants it."""
-        until_us = min(case.onset_us + _LONGEST_US, self._last_bad_us(case.onset_us, frame_index))
+        until_us = case.onset_us + _LONGEST_US
+        if of != "rates":  # these have a part in no pair
+            until_us = min(until_us, self._last_bad_us(case.onset_us, frame_index))
         euler, quaternion = [no_attitudes(ATTITUDE)], [no_attitudes(ATTITUDE_QUATERNION)]
         origin: list[tuple[int, Int64s]] = []  # of the Euler samples: the batch kept, and their rows in it
         for index, sent in enumerate(self._kept):

@@ -25,7 +25,7 @@ from gcs_bridge.events import (
 from gcs_bridge.expected import Expected
 from gcs_bridge.expected.trims import TrimsInForce
 from gcs_bridge.judging.boot import Boot
-from gcs_bridge.judging.diagnosis_cases import SentBatch
+from gcs_bridge.judging.diagnosis_cases import QUESTIONS, SentBatch
 from gcs_bridge.judging.estimator_resets import Statements
 from gcs_bridge.judging.notices import (
     breaks,
@@ -408,7 +408,7 @@ class VehicleJudge:
 
     def _answer(self, boot: Boot, name: str, frame_index: int, t_boot_us: int, link: LinkClock) -> Iterator[Notice]:
         record = boot.asked[name]
-        answer = boot.diagnosis_cases.ask(name, frame_index, t_boot_us, of_norm=record.check == "quaternion_norm")
+        answer = boot.diagnosis_cases.ask(name, frame_index, t_boot_us, of=QUESTIONS.get(record.check, "forms"))
         if answer.entry is not None and answer.entry != record.diagnosis:
             yield from self.alarm_manager.diagnosis(record, answer.entry, frame_index, t_boot_us, link.at(frame_index))
 

@@ -21,6 +21,7 @@ KIN_PER_RATE_S = 0.002
 KIN_PER_CHANGE = 0.5  # of the change of rate over the gap
 KIN_PER_TURN = 0.1  # of the turn over the gap
 UNREPORTED_TURN_RAD = radians(0.5)  # a step this large between rates of exactly zero: the sender reports no rates
+BEYOND_GYROS_RAD_S = 40.0  # autopilots' gyros end at 2000 deg/s, 35 rad/s: larger rates are none
 
 
 def turn_and_kin(q0: Floats, q1: Floats, w0: Floats, w1: Floats, h: Floats) -> tuple[Floats, Floats]:
@@ -47,11 +48,13 @@ def interpolation_bound_rad(
 
 
 def turn_and_kin_of(q0: Quaternion, q1: Quaternion, w0: Vector, w1: Vector, h: Array) -> tuple[Vector, Array]:
-    """The step's rotation vector, and by how much the mean of the rates at its ends misses it."""
+    """The step's rotation vector, and by how much the mean of the rates at its ends misses it; NaN without rates."""
     phi = logarithm(product(conjugated(q0), q1))
     half = 0.5 * h
     kin = length((phi[0] - half * (w0[0] + w1[0]), phi[1] - half * (w0[1] + w1[1]), phi[2] - half * (w0[2] + w1[2])))
-    unreported = (length(w0) == 0.0) & (length(w1) == 0.0) & (length(phi) > UNREPORTED_TURN_RAD)
+    speed0, speed1 = length(w0), length(w1)
+    unreported = (speed0 == 0.0) & (speed1 == 0.0) & (length(phi) > UNREPORTED_TURN_RAD)
+    unreported = unreported | (speed0 > BEYOND_GYROS_RAD_S) | (speed1 > BEYOND_GYROS_RAD_S)
     return phi, where(unreported, np.nan, kin)
 
 

@@ -47,8 +47,9 @@ class ImuWithAttitude(FrameColumns):
 
     `t_boot_us`, `t_rx_us` (n,) of the sample; `frame_index` (n,) of the frame that completed it; `f_b_m_s2`,
     `w_b_rad_s`, `m_b_gauss` (n, 3) as measured; `trim_b_rad`, `may_rest`, `stands` as in VehicleImu; `q_nb` (n, 4)
-    the attitude; `w0_b_rad_s`, `w1_b_rad_s` (n, 3) its rates on both sides, `gap_s` (n,) from one to the other, and
-    `place` (n,) the share of the gap that has passed. `max_gap_us`: between attitudes further apart none is known.
+    the attitude; `w0_b_rad_s`, `w1_b_rad_s` (n, 3) its rates on both sides, `gap_s` (n,) from one to the other,
+    `turn_b_rad` (n, 3) its turn meanwhile, and `place` (n,) the share of the gap that has passed. `max_gap_us`: between
+    attitudes further apart none is known.
     """
 
     max_gap_us: int
@@ -63,6 +64,7 @@ class ImuWithAttitude(FrameColumns):
     q_nb: Floats
     w0_b_rad_s: Floats
     w1_b_rad_s: Floats
+    turn_b_rad: Floats
     gap_s: Floats
     place: Floats
 
@@ -151,6 +153,7 @@ def _seen_rows(n: int) -> SeenRows:
         q_nb=np.empty((n, 4)),
         w0_b_rad_s=np.empty((n, 3)),
         w1_b_rad_s=np.empty((n, 3)),
+        turn_b_rad=np.empty((n, 3)),
         gap_s=np.empty(n),
         place=np.empty(n),
     )

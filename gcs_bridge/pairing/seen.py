@@ -13,9 +13,10 @@ import numpy as np
 from gcs_bridge.attitude._rows import where
 from gcs_bridge.attitude.compiled import put, unit_at, vector_of
 from gcs_bridge.attitude.kinematics import interpolated
-from gcs_bridge.attitude.quaternion import between
+from gcs_bridge.attitude.quaternion import between, conjugated, logarithm, product
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask
 from gcs_bridge.jit import helper, kernel
+from gcs_bridge.pairing.bounds import BEYOND_GYROS_RAD_S
 
 ATTITUDE_WIDTH = 7  # of a row of the series: q_nb (4), w_b (3)
 QUERY_WIDTH = 15  # of a question: force, rates, field, trim; whether it may rest, whether it stands; receive time
@@ -126,6 +127,7 @@ class SeenRows(NamedTuple):
     q_nb: FloatRows
     w0_b_rad_s: FloatRows
     w1_b_rad_s: FloatRows
+    turn_b_rad: FloatRows
     gap_s: Floats
     place: Floats
 
@@ -191,8 +193,9 @@ def rates_at(rows, at):  # type: ignore[no-untyped-def]  # typed by numba
 
 @helper
 def rates_of(x, y, z):  # type: ignore[no-untyped-def]  # typed by numba
-    """Rates as they are, those that are no number as none."""
-    return where(np.isnan(x), 0.0, x), where(np.isnan(y), 0.0, y), where(np.isnan(z), 0.0, z)
+    """Rates as they are; as none those that are no number, or beyond any gyro."""
+    most = BEYOND_GYROS_RAD_S
+    return where(abs(x) <= most, x, 0.0), where(abs(y) <= most, y, 0.0), where(abs(z) <= most, z, 0.0)
 
 
 @kernel
@@ -351,6 +354,8 @@ def _see(series, before, behind, waiting, at, frame_index, seen, counts):  # typ
     q, place, gap_s = attitude_between(series, before, behind, t_us)
     put(q, seen.q_nb, n)
     seen.place[n], seen.gap_s[n] = place, gap_s
+    turn = logarithm(product(conjugated(unit_at(series.rows, before & last)), unit_at(series.rows, behind & last)))
+    seen.turn_b_rad[n, 0], seen.turn_b_rad[n, 1], seen.turn_b_rad[n, 2] = turn
     for axis in range(3):
         seen.w0_b_rad_s[n, axis] = series.rows[before & last, 4 + axis]
         seen.w1_b_rad_s[n, axis] = series.rows[behind & last, 4 + axis]

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from gcs_bridge.attitude import rpy_from_quaternion
 from gcs_bridge.diagnosis.causes import Cause, Value
 from gcs_bridge.errors import SourceError, UsageError
 from gcs_bridge.mavlink.checksum import frame_crc
@@ -126,6 +127,7 @@ def components(frames: Frames) -> Iterator[npt.NDArray[np.int64]]:
 # --- causes: payloads falsified ------------------------------------------------------------------------------------
 
 _FIELDS = {"quaternion": ("q1", "q2", "q3", "q4"), "rpy": ("roll", "pitch", "yaw")}
+_RATES: Sequence[str] = ("rollspeed", "pitchspeed", "yawspeed")
 
 
 def falsified(records: RecordingFrames, message: Message, cause: Cause, value: Value) -> Iterator[Edit]:
@@ -140,7 +142,7 @@ def falsified(records: RecordingFrames, message: Message, cause: Cause, value: V
 
 
 def _sent(cause: Cause, value: Value, should_be: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """The fields of one component's messages, falsified; rates stay as they are."""
+    """The fields of one component's messages, falsified; rates stay as they are, unless the mistake is about them."""
     assert cause.falsify is not None  # or there were no such Fault
     if cause.acts_on == "payload":
         sent = cause.falsify(should_be, value)
@@ -150,14 +152,31 @@ def _sent(cause: Cause, value: Value, should_be: npt.NDArray[np.void]) -> npt.ND
     if cause.acts_on == "time":
         sent["time_boot_ms"] = cause.falsify(should_be["time_boot_ms"].astype(np.float64), value) % 2**32
         return sent
-    fields = _FIELDS[cause.acts_on or ""]
-    samples = np.stack([should_be[field] for field in fields], axis=-1).astype(np.float64)
-    falsified = cause.falsify(samples, value)
+    if cause.acts_on == "rates":
+        fields = _RATES
+        samples = np.concatenate([_rpy(should_be), _columns(should_be, fields)], axis=-1)
+        samples, falsified = samples[:, 3:], cause.falsify(samples, value)[:, 3:]
+    else:
+        fields = _FIELDS[cause.acts_on or ""]
+        samples = _columns(should_be, fields)
+        falsified = cause.falsify(samples, value)
     falsified = np.where(np.isnan(falsified), samples, falsified)  # what is no attitude is sent as it was
     with np.errstate(over="ignore"):  # damage may be as large as a float32 can be
         for field, column in zip(fields, falsified.T, strict=True):
             sent[field] = column
     return sent
+
+
+def _columns(messages: npt.NDArray[np.void], fields: Sequence[str]) -> npt.NDArray[np.float64]:
+    """Some fields of messages (n,), a column each."""
+    return np.stack([messages[field] for field in fields], axis=-1).astype(np.float64)
+
+
+def _rpy(messages: npt.NDArray[np.void]) -> npt.NDArray[np.float64]:
+    """Roll, pitch and yaw (n, 3), rad, of either attitude message."""
+    if "roll" in (messages.dtype.names or ()):
+        return _columns(messages, _FIELDS["rpy"])
+    return rpy_from_quaternion(_columns(messages, _FIELDS["quaternion"]))
 
 
 def _reframed(records: RecordingFrames, row: int, fields: bytes, crc_extra: int) -> bytes:

@@ -134,20 +134,21 @@ def _edits(records: RecordingFrames, scope: Scope, fault: Fault, chance: np.rand
     if fault.name == "truncate":
         return LINK_FAULTS[fault.name].edits(records, fault.value, fault.message, chance)
     touched = records.where(scope.holds(records.frames))
-    message = _message(fault)
-    if message is not None:
-        if message not in records.dialect:
-            raise UsageError(f"the dialect {records.dialect.name} has no message {message!r}")
-        touched = touched.where(touched.frames["msgid"] == records.dialect[message].msgid)
-    if not len(touched.frames):
-        raise StreamAbsentError(f"no {message or 'record'}{scope.text} in the recording: nothing to falsify")
+    names = _messages(fault)
+    for name in names:
+        if name not in records.dialect:
+            raise UsageError(f"the dialect {records.dialect.name} has no message {name!r}")
+    of = {name: touched.where(touched.frames["msgid"] == records.dialect[name].msgid) for name in names}
+    if not any(len(one.frames) for one in of.values()) and (names or not len(touched.frames)):
+        raise StreamAbsentError(f"no {' or '.join(names) or 'record'}{scope.text} in the recording: nothing to falsify")
     if fault.name in LINK_FAULTS:
-        return LINK_FAULTS[fault.name].edits(touched, fault.value, fault.message, chance)
-    return falsified(touched, records.dialect[message or ""], CAUSES[fault.name], fault.value)
+        return LINK_FAULTS[fault.name].edits(of.get(fault.message or "", touched), fault.value, fault.message, chance)
+    cause = CAUSES[fault.name]
+    return [edit for name, one in of.items() for edit in falsified(one, records.dialect[name], cause, fault.value)]
 
 
-def _message(fault: Fault) -> str | None:
-    """The one message that the fault touches, None: all."""
+def _messages(fault: Fault) -> tuple[str, ...]:
+    """The messages that the fault touches, none: all."""
     if fault.name in LINK_FAULTS:
-        return fault.message
-    return {30: "ATTITUDE", 31: "ATTITUDE_QUATERNION"}[CAUSES[fault.name].message or 0]
+        return () if fault.message is None else (fault.message,)
+    return tuple({30: "ATTITUDE", 31: "ATTITUDE_QUATERNION"}[message] for message in CAUSES[fault.name].messages)

@@ -54,7 +54,7 @@ def undoing(diagnosis: Diagnosis) -> Undoing | None:
     mistakes = [row for row in rows if row not in TRIMS.values()]
     if mistakes and not any(row is not None and row.acts_on == "rpy" for row in mistakes):
         rows = mistakes  # a trim of the angles has no part in what is wrong with the quaternion
-    causes = [row for row in rows if row is not None and row.undo is not None]
+    causes = [row for row in rows if row is not None and row.undo is not None and row.acts_on != "rates"]
     valued = [row for row in causes if row.parameter.count]
     if not causes or len(causes) < len(rows) or len(valued) > 1:  # a diagnosis tells the value of one cause alone
         return None

@@ -35,6 +35,7 @@ CONTRACT = {
     "roll_sign": (30, ()),
     "pitch_sign": (30, ()),
     "yaw_sign": (30, ()),
+    "euler_rates": (None, ()),  # both
     "estimator_reset": (None, ()),
     "unknown": (None, ()),
 }
@@ -79,6 +80,7 @@ def test_the_table_is_the_contract() -> None:
     for name, (message, default) in CONTRACT.items():
         assert (CAUSES[name].message, CAUSES[name].parameter.default) == (message, default), name
     assert all(CAUSES[name].message == 31 for name in FURTHER)
+    assert CAUSES["euler_rates"].messages == (30, 31)
     assert [CAUSES[name].unit for name in ("yaw_offset", "mount_offset", "time_skew")] == ["deg", "deg", "ms"]
 
 
@@ -227,6 +229,12 @@ def test_undone_is_never_made(cause: Cause, data: st.DataObject) -> None:
         samples /= np.linalg.norm(samples, axis=-1, keepdims=True)
     elif cause.acts_on == "rpy":
         samples = np.array(data.draw(angles))
+    elif cause.acts_on == "rates":  # where angles have rates: beside the poles
+        rpy = np.array(data.draw(angles)) * [1.0, 0.2, 1.0]
+        samples = np.concatenate(
+            [rpy, np.array(data.draw(st.lists(st.tuples(unit, unit, unit), min_size=len(rpy), max_size=len(rpy))))],
+            axis=1,
+        )
     else:
         samples = np.array(data.draw(st.lists(st.integers(0, 2**32 - 1), max_size=5)), np.float64)
     before = samples.copy()

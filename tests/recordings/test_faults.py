@@ -167,8 +167,9 @@ def test_in_time_at_common_rates(name: str, thinned: Sequence[str]) -> None:
     assert alarm["peak"] == pytest.approx(25, abs=1)
 
 
-# Not among them: an unnormalised quaternion, which points where it should.
-CAUSE_NAMES = [c.name for c in CAUSES.values() if c.falsify is not None and c.name != "quaternion_unnormalised"]
+# Not among them: an unnormalised quaternion, which points where it should, and rates, which point nowhere.
+UNTURNED = {"quaternion_unnormalised", "euler_rates"}
+CAUSE_NAMES = [c.name for c in CAUSES.values() if c.falsify is not None and c.name not in UNTURNED]
 
 
 @pytest.mark.parametrize("cause", one_in(4, CAUSE_NAMES))
