@@ -8,13 +8,12 @@ to 25 Hz, in squares, banks, acro and a tumble). They are looked at only while p
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
-from gcs_bridge.columns import Floats, Int64s, Mask
+from gcs_bridge.columns import Floats, Int64s, Mask, record
 from gcs_bridge.expected.pairs import (
     IN_A_ROW,
     NO_CLEAN_PAIRS,
@@ -36,7 +35,7 @@ STEP_RAD = math.radians(2.2)  # a step between two quaternions that misses their
 STEP_PER_RATE_S = 0.002  # by more than so much of the rate, is none of the vehicle: nothing lies between
 
 
-@dataclass(frozen=True, kw_only=True)
+@record
 class BetweenPairs(CleanPairs):
     """Pairs of an Euler sample and the quaternion between two others, completed by the frame of the second."""
 
