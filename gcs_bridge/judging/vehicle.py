@@ -113,8 +113,8 @@ class VehicleJudge:
         starts = {change.boot: change for change in batch.clock_changes if change.kind == "reboot"}
         for index in sorted((boots.keys() | starts.keys()).union(*map(_boots_in, more))):
             yield from self._take_boot(index, boots.get(index), batch, link, starts.get(index))
-        yield from self._hear_more(link)
         yield from self.advance(link)
+        yield from self._hear_more(link)
         last = int(frame_indices[-1])
         for latest in (self._fixed_wing, self._ardupilot, self._may_be_trim, self._stillness, self._trims):
             latest.forget(last)
@@ -275,8 +275,8 @@ class VehicleJudge:
                 return  # nothing of it came yet that tells that it began
             if boot is not None:
                 frame_index, _, t_rx_us = first
-                yield from self._hear_more(link, frame_index)
                 yield from self._pass_silence(boot, link, frame_index)
+                yield from self._hear_more(link, frame_index)
                 yield from self.alarm_manager.end_boot(frame_index, boot.last_us, t_rx_us)
             boot = self._start_boot(index, first)
         if segment is None:

@@ -15,9 +15,9 @@ from gcs_bridge.jit import helper
 
 SET_BACK_US = 10_000_000
 NEVER_US = 2**62  # a deadline that does not come
-# So much of a silence of everything counts as heard: more than lies between the heartbeats of a single vehicle would
-# be taken from a suspended receiver as silence, much less would never let a vehicle that sends nothing else be heard.
-HEARD_US = 1_000_000
+# So much of a silence of everything counts as heard: more than lies between the heartbeats of one vehicle or station
+# that sends nothing else, and less than makes a stream stale where a receiver was suspended.
+HEARD_US = 1_500_000
 
 
 class LinkClock(NamedTuple):

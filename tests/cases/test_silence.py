@@ -1,14 +1,14 @@
 """Silence judged in its context: what is no fault of a stream, and beside each the fault that looks like it.
 
-Recordings are made of `a_copter_square` by pymavlink and by taking records out, or by hand; the times are those at which
-it was done.
+Recordings are made of `a_copter_square` by taking records out, or by hand; the times are those at which it was done.
 """
 
 from collections.abc import Iterable, Sequence
 from datetime import datetime
-from itertools import count
+from itertools import count, pairwise
 from typing import Any
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -70,7 +70,7 @@ def thinned(nth: int, hz: float = 20.0) -> Change:
     return lambda t_s, state: state if round(t_s * hz) % nth == 0 else None
 
 
-# --- transfers -------------------------------------------------------------------------------------------------------
+# --- transfers ---
 
 
 def mission_item(i: int) -> Any:
@@ -141,7 +141,7 @@ def test_parameters_now_and_then_are_no_transfer(every_s: float) -> None:
     assert [alarm["raised_boot_s"] for alarm in alarms(vehicle)] == pytest.approx([22.0] * 2, abs=1.1)
 
 
-# --- heartbeats alone ------------------------------------------------------------------------------------------------
+# --- heartbeats alone ---
 
 
 def a_flight(cut_s: tuple[float, float], *, keep: Sequence[int] = (0,)) -> list[Record]:
@@ -160,7 +160,7 @@ def a_flight(cut_s: tuple[float, float], *, keep: Sequence[int] = (0,)) -> list[
 @pytest.mark.parametrize("keep", [(0,), (0, 27), (0, 24, 33, 74), (0, 2)])
 @pytest.mark.parametrize("seconds", [4, 9, 31])
 def test_a_real_flight_whose_attitudes_stop(keep: Sequence[int], seconds: float) -> None:
-    """Heartbeats go on, or RAW_IMU beside them, or positions, or SYSTEM_TIME: alarms after 2 s, cleared when it is back."""
+    """Heartbeats go on, and RAW_IMU, positions or SYSTEM_TIME beside them: alarms after 2 s, until it is back."""
     events, vehicle = one(a_flight((60.0, 60.0 + seconds), keep=keep))
     raised, cleared = told(events, "alarm_raised"), told(events, "alarm_cleared")
     assert [event["check"] for event in raised] == ["stream"] * 2
@@ -189,7 +189,7 @@ def test_heartbeats_alone_for_less_than_two_seconds(seconds: float) -> None:
     assert alarms(one(craft(**stopped(40, 40 + seconds)).records(60))[1]) == []
 
 
-# --- a receiver that is suspended -------------------------------------------------------------------------------------
+# --- a receiver that is suspended ---
 
 
 def paused(records: Iterable[Record], at_s: float, pause_s: float) -> list[Record]:
@@ -234,6 +234,20 @@ def test_a_receiver_that_is_suspended_while_it_listens(pause_s: float) -> None:
     assert monitor.close().to_dict()["verdict"] == "agree"
 
 
+@pytest.mark.parametrize("pause_s", [3, 10, 60])
+def test_what_waited_while_the_receiver_slept_comes_at_once(pause_s: float) -> None:
+    """All of the time in which it slept arrives with one receive time: a pause, told once, and no alarm."""
+    begin_us, end_us = (wire.START_US + round(at_s * S) for at_s in (20, 20 + pause_s))
+    made = [record for sysid in (1, 2) for record in craft(sysid=sysid, imu=true).records(100)]
+    late = [
+        (end_us if begin_us <= t_us < end_us else t_us, frame) for t_us, frame in sorted(made, key=lambda one: one[0])
+    ]
+    events, vehicles = heard(late)
+    assert {event["event"] for event in events} == {"vehicle_seen", "stream_started", "receiver_paused"}
+    assert len(told(events, "receiver_paused")) == 1
+    assert all(vehicle["verdict"] == "agree" for vehicle in vehicles)
+
+
 def test_three_pauses_are_told_three_times() -> None:
     """Each once, whoever is on the link."""
     records = flown_by(1, 2)
@@ -266,7 +280,7 @@ def test_time_that_is_known_to_pass_is_a_silence_at_once() -> None:
     assert [utc_s(event) - (last_us - wire.START_US) / S for event in lost] == pytest.approx([5], abs=0.01)
 
 
-# --- restarts --------------------------------------------------------------------------------------------------------
+# --- restarts ---
 
 
 def sender(sysid: int = 1) -> Any:
@@ -347,7 +361,7 @@ def test_a_restart_after_which_heartbeats_come_first(booting_s: float) -> None:
 
 
 def test_a_lost_stretch_of_frames_is_no_restart() -> None:
-    """Frames are missing for three seconds and the next number is 2, as it may be: the time goes on, and so does the boot."""
+    """Frames are missing for three seconds and the next number is 2, as it may be: the time goes on, so does the boot."""
     records = [record for record in flown_by(1) if not 20 <= (record[0] - wire.START_US) / S < 23]
     first = next(i for i, (t_us, _) in enumerate(records) if t_us >= wire.START_US + 23 * S)
     send = sender()
@@ -359,7 +373,7 @@ def test_a_lost_stretch_of_frames_is_no_restart() -> None:
     assert len(vehicle["boots"]) == 1
 
 
-# --- two boots at once ------------------------------------------------------------------------------------------------
+# --- two boots at once ---
 
 
 @pytest.mark.parametrize("pattern", ["ab", "aab", "abb", "aaaabbb", "aababbbaab", "a" * 40 + "b" * 40])
@@ -380,7 +394,7 @@ def test_backlogs_of_two_boots_are_two_boots(pattern: str, older_s: float) -> No
     assert vehicle["boots"][1]["last_boot_s"] == pytest.approx(75.0, abs=0.1)
 
 
-# --- rates that were asked for ----------------------------------------------------------------------------------------
+# --- rates that were asked for ---
 
 
 def asked(how: str, rate_hz: float, by: tuple[int, int] = (255, 190)) -> list[bytes]:
@@ -504,7 +518,7 @@ def test_two_stations_that_undo_each_other_are_named(how: str) -> None:
     assert "254,230 and 255,190 undo each other's rates" in check(vehicle, "stream")["reason"]
 
 
-# --- clocks that stand still ------------------------------------------------------------------------------------------
+# --- clocks that stand still ---
 
 
 def with_stuck_clock(records: Iterable[Record], stuck_ms: int, from_s: float = 0.0, to_s: float = 1e9) -> list[Record]:
@@ -547,7 +561,42 @@ def test_a_clock_that_stands_still_for_a_time() -> None:
     assert check(vehicle, "euler_quaternion")["pairs"] == pytest.approx(20 * 20 + 20 * 20, abs=2)
 
 
-# --- the small recordings ---------------------------------------------------------------------------------------------
+# --- however it comes ---
+
+
+def several_stories() -> list[tuple[str, list[Record]]]:
+    """Of each kind one, short."""
+    stops = stopped(10, 16)
+    turns = [(3.0 * i, asked("ALL", 4 if i % 2 else 10, (255, 190) if i % 2 else (254, 230))) for i in range(1, 6)]
+    older, newer = (craft(boot_s=boot_s).records(10) for boot_s in (300.0, 4.0))
+    mixed = [one for pair in zip(older, newer, strict=True) for one in pair]
+    return [
+        ("transfer", craft(**stops, also=transfer(file_piece, 10, 14, 8)).records(20)),
+        ("heartbeats", craft(**stops).records(20)),
+        ("pause", paused(flown_by(1, 2), 20.032, 10)[:2600]),
+        ("restart", restarted([imu, position], 3, 8)),
+        ("sequence", restarted([], 3, 15)),
+        ("requests", with_frames(at_rates((12.0, 5.0), seconds=20), *turns)),
+        ("standing", with_stuck_clock(craft().records(14), 15_000, 5, 9)),
+        ("backlogs", [(wire.START_US + 10_000 * i, frame) for i, (_, frame) in enumerate(mixed)]),
+    ]
+
+
+@pytest.mark.parametrize(("name", "records"), several_stories(), ids=[name for name, _ in several_stories()])
+def test_the_cut_into_pieces_changes_nothing(name: str, records: list[Record]) -> None:
+    """Whole, in pieces of some hundred bytes, and frame by frame: the same events, the same report."""
+    data, told_of = wire.tlog(records), []
+    by_frame = np.cumsum([8 + len(frame) for _, frame in records]).tolist()
+    for ends in ([0, len(data)], [*range(0, len(data), 997), len(data)], [0, *by_frame]):
+        monitor, events = Monitor(), []
+        for begin, end in pairwise(ends):
+            events += monitor.feed_recording(data[begin:end])
+        events += monitor.finish()
+        told_of.append((events, monitor.close().to_dict()))
+    assert told_of[0] == told_of[1] == told_of[2]
+
+
+# --- the small recordings ---
 
 
 def test_rate_request() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs_bridge.settings import StreamSettings
-from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
+from gcs_bridge.telemetry.link_clock import HEARD_US, NEVER_US, LinkClock
 from gcs_bridge.telemetry.stream_liveness import OTHER, Liveness, StreamChange, Timeline
 
 START_US = 1_700_000_000_000_000
@@ -26,7 +26,7 @@ def told(
     liveness = Liveness(StreamSettings())  # five periods, two seconds at the least
     turns: list[StreamChange] = []
     rx = np.maximum.accumulate([START_US + 1000 * m[2] for m in story]) if story else np.empty(0, np.int64)
-    heard = np.cumsum(np.minimum(np.diff(rx, prepend=rx[:1]), 1_000_000))  # a silence of everything counts for a second
+    heard = np.cumsum(np.minimum(np.diff(rx, prepend=rx[:1]), HEARD_US))
     for lo, hi in pairwise([0, *cuts, len(story)]):
         if lo == hi:
             continue
@@ -136,7 +136,7 @@ def test_a_link_that_falls_silent_is_noticed_by_what_comes_next() -> None:
 def test_a_receiver_that_pauses_is_nobodys_silence(pause_ms: int, first: int) -> None:
     """Nothing of anybody, and then the vehicle goes on 100 ms later by its own clock: no stream was silent."""
     behind = [(what, t, t + pause_ms) for what, t, _ in both(5100, 9000)]
-    story = both(0, 5000) + [(first, 5050, 5050 + pause_ms)] + behind
+    story = [*both(0, 5000), (first, 5050, 5050 + pause_ms), *behind]
     turns, liveness = told(story)
     assert [(turn.what, turn.t_boot_us) for turn in turns[2:]] == [("paused", 1000 * story[turns[2].frame_index][1])]
     assert turns[2].silent_us == pytest.approx(1000 * pause_ms, abs=100_000)
