@@ -312,9 +312,7 @@ class StreamCheck(Check):
     not_a_sign_of: ClassVar[str] = "not the attitude itself: what does not come, or stands still, tells nothing of it"
     ok_text: ClassVar[str] = "both streams came steadily"
 
-    def __init__(
-        self, settings: StreamSettings, delays: AlarmSettings, address: tuple[int, int] | None = None
-    ) -> None:
+    def __init__(self, settings: StreamSettings, delays: AlarmSettings, address: tuple[int, int] | None = None) -> None:
         """Start with nothing judged; `address`: system and component of the vehicle, for the words of its alarms."""
         super().__init__()
         self._settings = settings
@@ -342,7 +340,9 @@ class StreamCheck(Check):
     def _alarms_of_senders(self, identity: str) -> tuple[AlarmSpec, AlarmSpec]:
         """Of SENDERS and of VERSIONS: what has been seen time and again needs no further delay."""
         two = f"two senders use {identity}: clocks, attitudes or heartbeats of both come in turn"
-        beside = f"two senders use {identity}: MAVLink 1 and 2 come in turn, numbered apart, and one without an attitude"
+        beside = (
+            f"two senders use {identity}: MAVLink 1 and 2 come in turn, numbered apart, and one without an attitude"
+        )
         return (
             self._alarm_spec("senders", "alarm", two, self._at_once, unit="times"),
             self._alarm_spec("versions", "warning", beside, self._at_once, unit="times"),

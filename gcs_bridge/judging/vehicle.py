@@ -310,9 +310,7 @@ class VehicleJudge:
         told = [sign for sign in self._signs if sign.frame_index <= segment.frame_index[-1]]
         self._signs = self._signs[len(told) :]
         rows = np.searchsorted(segment.frame_index, [sign.frame_index for sign in told])
-        self._stream_check.senders(
-            told, segment.frame_index[rows], segment.t_boot_us[rows], self.alarm_manager.ballot
-        )
+        self._stream_check.senders(told, segment.frame_index[rows], segment.t_boot_us[rows], self.alarm_manager.ballot)
 
     def _ask(self, boot: Boot, moment: AlarmTransition, link: LinkClock) -> Iterator[Notice]:
         """Ask the doctor about an alarm that is raised, or goes."""

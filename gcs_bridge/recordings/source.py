@@ -13,7 +13,7 @@ from gcs_bridge.errors import SourceError, UsageError
 from gcs_bridge.jit import prepare
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.mavlink.dialect import Dialect
-from gcs_bridge.mavlink.scanner import Scanner
+from gcs_bridge.mavlink.scanner import MARKERS, Scanner
 
 _CHUNK = 3 * 2**19  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
 _PROBE = 2**18  # bytes by which a recording is told from a stream without times
@@ -95,6 +95,8 @@ def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
         for magic, what in FOREIGN.items():
             if file.tell() == len(probe) and probe.startswith(magic):
                 raise SourceError(f"{path}: {what}")
+        if not any(marker in probe for marker in MARKERS):  # a hole in the file: as quickly as it is read
+            continue
         timed = Scanner(dialect, timed=True).scan(probe, final=True)
         stream = Scanner(dialect, timed=False).scan(probe, final=True)
         if len(timed) or len(stream):
