@@ -20,12 +20,15 @@ from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
 from gcs_bridge.report import schema
 from gcs_bridge.report.verdicts import worst_verdict
 from gcs_bridge.settings import Settings
+from gcs_bridge.telemetry.batches import VehicleBatch
 from gcs_bridge.telemetry.clocks import NO_TIMES
 from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
+from gcs_bridge.telemetry.messages import KIND
 from gcs_bridge.telemetry.rate_requests import RateRequest, asks, rate_requests
 from gcs_bridge.telemetry.roster import Roster
+from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.sorting import FrameSorter, Share, SortedFrames
 from gcs_bridge.telemetry.vehicle_presence import Presence
 
@@ -53,7 +56,12 @@ class Scanned(NamedTuple):
 
 
 class LinkVehicle:
-    """One (system, component) of a link, which may turn out to be a vehicle."""
+    """One (system, component) of a link, which may turn out to be a vehicle.
+
+    What judges it is large, and anybody can send a frame under any number: it is made with the second attitude of a
+    stream, or once enough else came, and is given then what came before. Nothing is told of it before that frame but
+    that the vehicle is there.
+    """
 
     def __init__(self, vehicle: VehicleId, judged: Judged, place: int) -> None:
         """Start with nothing heard; the observer is shown what is judged, once it is known to be a vehicle's.
@@ -61,30 +69,94 @@ class LinkVehicle:
         `place`: how many others the link has found before it.
         """
         self.place = place
+        self._judged = judged
         self._observer = judged.observer
         self._observed: list[Observation] = []  # and not shown yet
         self.reader = VehicleReader(vehicle, judged.dialect, judged.settings.vehicle)
-        self.judge = VehicleJudge(vehicle, judged.settings, self._observed.append if judged.observer else None)
+        self._judge: VehicleJudge | None = None
+        self._waiting: list[Callable[[VehicleJudge], Iterable[Notice]]] = []  # for it: how it is given what came
+        self._waits_since_us, self._waited_s = NEVER_US, 0  # since its last frame; NEVER: nothing had a time yet
+        self._attitudes = [0, 0]  # that came, by stream, while it waits
+        self._told_from: int | None = None  # the frame from which on what is judged is told
+        self._early: list[Notice] | None = []  # until then
         self._presence = Presence()
         self._first_frame_index: int | None = None
         self._seen = False
         self._held: list[Notice] = []  # until it is known to be one
 
+    @property
+    def is_brief(self) -> bool:
+        """Whether it was heard too briefly to be judged."""
+        return self._told_from is None
+
+    @property
+    def judge(self) -> VehicleJudge:
+        """What judges it, by all that came so far; it is made where it waits for more."""
+        if self._judge is None:
+            observer = self._observed.append if self._observer else None
+            self._judge = judge = VehicleJudge(self.reader.vehicle, self._judged.settings, observer)
+            assert self._early is not None
+            for hand in self._waiting:
+                self._early += hand(judge)
+            self._waiting.clear()
+        return self._judge
+
+    @property
+    def alarm_manager(self) -> AlarmManager | None:
+        """Its alarms, if it is judged."""
+        return None if self._judge is None else self._judge.alarm_manager
+
     def take(self, batch: SortedFrames, share: Share, requests: Sequence[RateRequest] = ()) -> list[Notice]:
         """Judge its share of a batch, and what others asked of it meanwhile."""
         if self._first_frame_index is None:
             self._first_frame_index = int(batch.frame_indices(share)[0])
-        heard = self.reader.read(batch, share)
-        notices = [
-            *self._turns(heard.frame_index, batch.clock, heard.timed),
-            *self.judge.take(heard, heard.frame_index, batch.clock, self._of(requests)),
-        ]
+        heard, clock, asked = self.reader.read(batch, share), batch.clock, self._of(requests)
+        turns = list(self._turns(heard.frame_index, clock, heard.timed))
+        if self._told_from is None:
+            self._told_from = self._first_told(heard, batch, share)
+        if self._judge is None and self._told_from is None:
+            self._waiting.append(lambda judge: judge.take(heard, heard.frame_index, clock, asked))
+            if heard.segments or self._waits_since_us != NEVER_US:
+                self._waits_since_us, self._waited_s = int(clock.heard_us[-1]), 0
+            return self._release(turns)
+        told = self._told(list(self.judge.take(heard, heard.frame_index, clock, asked)))
         self._show()
-        return self._release(notices)
+        return self._release([*turns, *told])
+
+    def _first_told(self, heard: VehicleBatch, batch: SortedFrames, share: Share) -> int | None:
+        """The frame of its share with which enough came of it, None where that is not so yet."""
+        frames = []
+        for stream, name in enumerate(STREAMS):
+            before, count = self._attitudes[stream], share.count(KIND[name])
+            self._attitudes[stream] += count
+            if before < JUDGED_ATTITUDES <= before + count:
+                frames.append(batch.first + int(batch.rows(share, KIND[name])[JUDGED_ATTITUDES - 1 - before]))
+        received = self.reader.received
+        if received >= JUDGED_FRAMES:
+            frames.append(int(heard.frame_index[JUDGED_FRAMES - 1 - received]))
+        return min(frames, default=None)
+
+    def _told(self, judged: list[Notice]) -> list[Notice]:
+        """Of what was judged, that which is told by now: what came before the first frame of that, with it."""
+        if self._early is None:
+            return judged
+        self._early += judged
+        first = self._told_from
+        if first is None:
+            return []
+        early, self._early = in_order(self._early), None
+        return [notice._replace(frame_index=max(notice.frame_index, first)) for notice in early]
 
     def ask(self, requests: Sequence[RateRequest]) -> list[Notice]:
         """Others asked for rates, in a batch that brought nothing of this vehicle."""
-        return self._release([*self.judge.ask(self._of(requests))])
+        asked = self._of(requests)
+        if not asked:
+            return []
+        if self._judge is not None:
+            return self._release(self._told(list(self._judge.ask(asked))))
+        if len(self._waiting) < _MOST_WAITING:
+            self._waiting.append(lambda judge: judge.ask(asked))
+        return []
 
     def _of(self, requests: Sequence[RateRequest]) -> Sequence[RateRequest]:
         """Those that are meant for it, and came when it was there."""
@@ -97,7 +169,17 @@ class LinkVehicle:
     @property
     def due_us(self) -> int:
         """The time on the link, as it is heard, from which on time alone may change something."""
-        return min(self._presence.due_us, self.judge.due_us)
+        if self._judge is not None:
+            return min(self._presence.due_us, self._judge.due_us)
+        if self._waits_since_us == NEVER_US or self._waited_s >= _LONGEST_WAIT_S:
+            return self._presence.due_us
+        return min(self._presence.due_us, self._waits_since_us + (self._waited_s + 1) * 1_000_000)
+
+    def _wait(self, link: LinkClock) -> None:
+        """Time passed on the link: what will judge it is to know, second by second, as long as deadlines may pass."""
+        if self._waited_s < _LONGEST_WAIT_S:
+            self._waiting.append(lambda judge: judge.advance(link))
+            self._waited_s += 1
 
     def _show(self) -> None:
         """Show what was judged, unless it is not known yet whose it is, or known to be no vehicle's."""
@@ -109,7 +191,12 @@ class LinkVehicle:
 
     def advance(self, link: LinkClock) -> list[Notice]:
         """Time passed on the link and nothing of this vehicle came."""
-        return self._release([*self._turns(_NO_FRAMES, link), *self.judge.advance(link)])
+        turns = list(self._turns(_NO_FRAMES, link))
+        if self._judge is None:
+            if self._waits_since_us + (self._waited_s + 1) * 1_000_000 <= link.heard_us[-1]:
+                self._wait(link)
+            return self._release(turns)
+        return self._release([*turns, *self._told(list(self._judge.advance(link)))])
 
     def _turns(self, frame_indices: Int64s, link: LinkClock, timed: Int64Rows = NO_TIMES) -> Iterator[Notice]:
         for turn in self._presence.take(frame_indices, link, timed):
@@ -138,6 +225,10 @@ class LinkVehicle:
 
 
 _NO_FRAMES: Int64s = np.empty(0, np.int64)
+JUDGED_ATTITUDES, JUDGED_FRAMES = 2, 32  # of one stream, and of all: with either a component is judged
+_MOST_WAITING = 128  # requests are kept for it no longer
+_LONGEST_WAIT_S = 12  # behind a frame the longest deadline, see stream_liveness, has passed
+MOST_BRIEF, MOST_BRIEF_NOW = 1000, 64  # vehicles heard too briefly to be judged that are listed, in a report and live
 MOST_OTHERS = 100  # that the report lists; all are counted
 LEAST_COPIED, COPIED_SHARE = 20, 0.9  # frames, and of the copies that there would be, for each to come so often
 
@@ -211,7 +302,8 @@ class Link:
     def alarm_managers(self) -> Iterator[AlarmManager]:
         """Of its vehicles; what is done with them may change what is due."""
         self._due_us[:] = 0
-        return (vehicle.judge.alarm_manager for vehicle in self._vehicles.values())
+        managers = (vehicle.alarm_manager for vehicle in self._vehicles.values())
+        return (manager for manager in managers if manager is not None)
 
     def now(self, name: int | str) -> tuple[LinkNow, list[VehicleNow]]:
         """What is known now of the link `name` and of its vehicles."""
@@ -224,7 +316,7 @@ class Link:
             bad_crc=salvage.bad_crc,
             skipped_bytes=salvage.skipped_bytes,
         )
-        vehicles = [vehicle for _, vehicle in sorted(self._vehicles.items()) if vehicle.reader.is_vehicle]
+        vehicles = self._listed(MOST_BRIEF_NOW)
         return link, [vehicle.judge.now(vehicle.reader, self._sorter.latest_rx_us) for vehicle in vehicles]
 
     def finish(self) -> list[Event]:
@@ -235,11 +327,7 @@ class Link:
 
     def entry(self, name: str) -> schema.File:
         """The link's entry in the report."""
-        vehicles = [
-            vehicle.judge.entry(vehicle.reader)
-            for _, vehicle in sorted(self._vehicles.items())
-            if vehicle.reader.is_vehicle
-        ]
+        vehicles = [vehicle.judge.entry(vehicle.reader) for vehicle in self._listed(MOST_BRIEF)]
         salvage = self._scanner.salvage
         listed = {(vehicle.sysid, vehicle.compid) for vehicle in vehicles}
         others = [one for one in self._roster.heard() if one.address not in listed]
@@ -254,19 +342,29 @@ class Link:
             other_count=len(others),
         )
 
+    def _listed(self, most_brief: int) -> list[LinkVehicle]:
+        """The vehicles in their order; those heard too briefly to be judged only where they are no more than that."""
+        vehicles = [vehicle for _, vehicle in sorted(self._vehicles.items()) if vehicle.reader.is_vehicle]
+        if sum(vehicle.is_brief for vehicle in vehicles) <= most_brief:
+            return vehicles
+        return [vehicle for vehicle in vehicles if not vehicle.is_brief]
+
     def _remarks(self, salvage: Salvage) -> Iterator[str]:
         """What there is to say of how the bytes came."""
         if salvage.line_ends is not None:
             yield (
-                f"a text conversion has turned {salvage.line_ends} in it, as if this were text: what that broke is lost; "
+                f"a text conversion has turned {salvage.line_ends} in it, as if it were text: what that broke is lost; "
                 "copy it anew as binary"
             )
-        for _, vehicle in sorted(self._vehicles.items()):
-            if vehicle.reader.is_vehicle:
-                repeated = self._scanner.repeated(*vehicle.reader.vehicle.address)
-                told = copies(vehicle.reader.received, repeated)
-                if told is not None:
-                    yield f"{told}, by {{}},{{}}: it counts once".format(*vehicle.reader.vehicle.address)
+        vehicles = self._listed(MOST_BRIEF)
+        for vehicle in vehicles:
+            repeated = self._scanner.repeated(*vehicle.reader.vehicle.address)
+            told = copies(vehicle.reader.received, repeated)
+            if told is not None:
+                yield f"{told}, by {{}},{{}}: it counts once".format(*vehicle.reader.vehicle.address)
+        unlisted = sum(vehicle.reader.is_vehicle for vehicle in self._vehicles.values()) - len(vehicles)
+        if unlisted:
+            yield f"{unlisted} that claim to be vehicles were heard too briefly to be judged, and are not listed"
         wanted = self._judged.sysid
         if wanted is not None and all(one.sysid != wanted for one in self._roster.heard()):
             present = sorted({one.sysid for one in self._roster.heard()})

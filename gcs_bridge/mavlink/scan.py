@@ -8,8 +8,8 @@ The rules, in the order in which they decide:
 1. Where a frame is due (behind the one before), it is taken if its checksum holds.
 2. A due frame that can't be checked (unknown id, unknown incompatibility flag) or fails is stepped over as a whole only
    if another frame starts where its length says, and none with a right checksum lies within. It is counted; what could
-   not be checked is kept apart. A recorder that does not check either takes noise for such a frame, and what came behind
-   it as its payload: real frames, which have no times of their own then.
+   not be checked is kept apart. A recorder that can't check it either takes noise for such a frame, and what came
+   behind it for its payload: real frames, which have no times of their own then.
 3. Otherwise the bytes from there on are a gap, and the next frame with a right checksum ends it; in a recording only
    if the eight bytes before it can be its time, or another record follows it, as 16 bits of checksum alone accept one
    false frame in some 20 MB of noise.
@@ -237,24 +237,29 @@ def _follows(buf, end, n, final, timed, time, last_time, row_of_id):  # type: ig
 
 
 @helper
-def _hides_a_frame(buf, start, end, timed, last_time, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # typed by numba
-    """Whether a good frame lies within the bytes that a frame's length claims: then the length is wrong.
+def _hides_a_frame(buf, start, end, n, final, timed, needs_time, last_time, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # typed by numba
+    """1 if a good frame begins within the bytes that a frame's length claims, 0 if not, −1 if more bytes must tell.
 
-    `timed`: only one with a time near the last one is, as what fails claims its length with more right than noise does.
+    Then the length is wrong. In a recording, where the next record's time speaks for it, the good one must end there
+    too; `needs_time`: and have a time of its own, as what fails claims its length with more right than noise does.
     """
     for at in range(start + 1, end):
-        if buf[at] == _V1 or buf[at] == _V2:
-            what, _, _, _ = _look(buf, at, end, row_of_id, crc_extra)
-            if what == _GOOD and (not timed or (at - 8 > start and _near(_time(buf, at - 8), last_time))):
-                return True
-    return False
+        if buf[at] != _V1 and buf[at] != _V2:
+            continue
+        what, _, whole, msgid = _look(buf, at, end if timed else n, row_of_id, crc_extra)
+        if what == _GOOD and (not needs_time or (at - 8 > start and _near(_time(buf, at - 8), last_time))):
+            return 1
+        known = whole < 0 or (msgid < row_of_id.size and row_of_id[msgid] >= 0)
+        if what == _MORE and known and not timed and not final:
+            return -1
+    return 0
 
 
 @helper
 def _lacks_a_return(buf, at, header, msgid, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # typed by numba
     """Whether a frame that fails passes with a CR put back before one of its LFs."""
     end = at + header + np.int64(buf[at + 1]) - 1  # it is one byte shorter than its length says
-    for lf in range(at + 1, end):
+    for lf in range(at + 1, end + 1):  # up to the first byte of the checksum
         if buf[lf] == _LF:
             crc = crc_with_byte(crc_of(buf, at + 1, lf, np.int64(0xFFFF)), np.int64(_CR))
             crc = crc_with_byte(crc_of(buf, lf, end, crc), np.int64(crc_extra[row_of_id[msgid]]))
@@ -293,7 +298,8 @@ def _stamped_again(components, mine, digest, seq, time):  # type: ignore[no-unty
     digest ^= np.uint64(seq) << np.uint64(48)
     place = np.int64(digest >> np.uint64(56)) // _PLACES * _PLACES
     oldest = place
-    for at in range(place, place + _PLACES):
+    for k in range(_PLACES):
+        at = place + k
         if hashes[mine, at] == digest and times_us[mine, at] >= 0:
             again = abs(time - times_us[mine, at]) <= _COPY_US
             times_us[mine, at] = time
@@ -308,7 +314,8 @@ def _stamped_again(components, mine, digest, seq, time):  # type: ignore[no-unty
 def _admit(frame, components, counts, buf, time, row_of_id, stamped):  # type: ignore[no-untyped-def]  # typed by numba
     """Follow the sequence of the frame's component: losses, and repetitions of the same frame within a second.
 
-    Under a number that stands still a frame that says the same may be a new one, unless a time is in it (`stamped`, by the message's row).
+    Under a number that stands still a frame that says the same may be a new one, unless a time is in it: `stamped`, by
+    the message's row.
     """
     key = np.int64(frame.sysid) * 256 + np.int64(frame.compid)
     mine = np.int64(components.slot[key])
@@ -411,9 +418,13 @@ def _scan_chunk(  # type: ignore[no-untyped-def]  # typed by numba
             follows = _follows(buf, end, n, final, timed, time, last_time, row_of_id)
             if follows < 0:
                 break
-            if follows == 1 and _hides_a_frame(
-                buf, start, end, timed and what == _BAD_CRC, last_time, row_of_id, crc_extra
-            ):
+            hides = 0
+            if follows == 1:
+                needs_time = timed and what == _BAD_CRC
+                hides = _hides_a_frame(buf, start, end, n, final, timed, needs_time, last_time, row_of_id, crc_extra)
+                if hides < 0:
+                    break
+            if hides:
                 counts[_GAP_START] = base + at
                 if what == _UNKNOWN:
                     counts[_INSIDE_UNTIL], counts[_INSIDE_TIME] = base + end, time

@@ -30,6 +30,7 @@ from gcs_bridge.mavlink.scan import (
     _SIGNED_FRAMES,
     _SLOTS,
     _UNVERIFIED,
+    _V1,
     _V2,
     FRAME,
     Bytes,
@@ -43,7 +44,7 @@ from gcs_bridge.mavlink.scan import (
 class Salvage:
     """What a link or file yielded, and what it lost; `gaps` keeps the first hundred (offset, bytes).
 
-    Of the LFs in gaps, and those behind a CR, and of bad frames that one CR more would mend: what turned line ends does.
+    Of LFs in gaps, those behind a CR, and bad frames that one CR more would mend: what a conversion of text does.
     """
 
     bytes: int = 0
@@ -80,7 +81,7 @@ class Salvage:
         """Which line ends were turned into others, as if this were text; None: there is no sign of it."""
         if self.line_feeds >= _LEAST_ENDS and self.cr_line_feeds >= _ENDS_SHARE * self.line_feeds:
             return "LF into CR LF"
-        if self.cr_missing >= _LEAST_MENDED:
+        if self.cr_missing >= _LEAST_MENDED and 100 * self.cr_missing >= self.gap_count:
             return "CR LF into LF"
         return None
 
@@ -91,8 +92,9 @@ class Salvage:
 
 
 MAX_GAPS = 100
+MARKERS = (bytes([_V1]), bytes([_V2]))  # the first byte of a frame
 # In noise one LF in 256 stands behind a CR, and a bad frame is mended by a CR with a chance of one in thousands.
-_LEAST_ENDS, _ENDS_SHARE, _LEAST_MENDED = 10, 0.95, 3
+_LEAST_ENDS, _ENDS_SHARE, _LEAST_MENDED = 10, 0.95, 2
 
 
 class RawFrame(NamedTuple):
@@ -114,9 +116,9 @@ class Scanned(NamedTuple):
 class Scanner:
     """The frames of one link or recording, from its bytes in pieces cut anywhere.
 
-    `timed` reads a recording, else a stream. What a piece leaves undecided (at most one frame and the header of the
-    next) waits for the next piece. Bytes in, structured `FRAME` arrays out; the frames' payloads are in `buffer` until
-    the next call.
+    `timed` reads a recording, else a stream. What a piece leaves undecided (at most one frame, and in a stream the one
+    behind it) waits for the next piece. Bytes in, structured `FRAME` arrays out; the frames' payloads are in `buffer`
+    until the next call.
     """
 
     def __init__(self, dialect: Dialect, *, timed: bool) -> None:

@@ -13,7 +13,7 @@ from gcs_bridge.errors import SourceError, UsageError
 from gcs_bridge.jit import prepare
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.mavlink.dialect import Dialect
-from gcs_bridge.mavlink.scanner import Scanner
+from gcs_bridge.mavlink.scanner import MARKERS, Scanner
 
 _CHUNK = 3 * 2**19  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
 _WHOLE = 0.99  # of the bytes read as records: no stream need be looked for
@@ -96,6 +96,8 @@ def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
         for magic, what in FOREIGN.items():
             if file.tell() == len(probe) and probe.startswith(magic):
                 raise SourceError(f"{path}: {what}")
+        if not any(marker in probe for marker in MARKERS):  # a hole in the file: as quickly as it is read
+            continue
         records = Scanner(dialect, timed=True)
         timed, stream = records.scan(probe, final=True), 0
         if (records.salvage.read_fraction or 0.0) < _WHOLE:

@@ -32,7 +32,7 @@ class Gap(Struct, frozen=True, kw_only=True):
     bytes: int
 
 
-class Salvage(Struct, frozen=True, kw_only=True):
+class Salvage(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What was read of a file or link, and what was not."""
 
     frames: Annotated[int, Meta(description="verified and repaired ones of known ids, duplicates included")]
@@ -44,7 +44,10 @@ class Salvage(Struct, frozen=True, kw_only=True):
     duplicates: Annotated[int, Meta(description="frames that came before, and were not used")]
     bad_times: Annotated[int, Meta(description="records whose receive time was damaged, and was not used")]
     read_fraction: Annotated[float | None, Meta(description="share of the bytes that were read; null without any")]
-    remarks: Annotated[tuple[str, ...], Meta(description="what else there is to say of how the bytes came, in words")]
+    remarks: Annotated[
+        tuple[str, ...],
+        Meta(description="what else there is to say of how the bytes came, in words; absent without any"),
+    ] = ()
     gap_count: int
     gaps: Annotated[tuple[Gap, ...], Meta(description="the first hundred")]
 
@@ -112,7 +115,7 @@ class Station(Struct, frozen=True, kw_only=True):
     frames: int
 
 
-class File(Struct, frozen=True, kw_only=True):
+class File(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A recording or a link, by the worst of its vehicles."""
 
     path: Annotated[str, Meta(description="file, or URI of the link; undecodable bytes as \\xhh")]
@@ -120,5 +123,7 @@ class File(Struct, frozen=True, kw_only=True):
     verdict: Verdict
     salvage: Salvage
     vehicles: tuple[Vehicle, ...]
-    others: Annotated[tuple[Station, ...], Meta(description="who else was heard: the hundred that sent most")]
-    other_count: Annotated[int, Meta(description="how many they are in all")]
+    others: Annotated[
+        tuple[Station, ...], Meta(description="who else was heard: the hundred that sent most; absent without any")
+    ] = ()
+    other_count: Annotated[int, Meta(description="how many they are in all; absent without any")] = 0

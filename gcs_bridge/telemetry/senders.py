@@ -19,6 +19,7 @@ from gcs_bridge.jit import helper, kernel
 from gcs_bridge.mavlink.decode import float_in, offsets, place_of, unsigned_in
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
+from gcs_bridge.telemetry.attitudes import NORM_TOLERANCE
 from gcs_bridge.telemetry.messages import KIND
 from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION
 from gcs_bridge.telemetry.sorting import Kinds, Share, SortedFrames
@@ -225,7 +226,7 @@ def _follow_attitude(state, tracks, stream, q, w, ms):  # type: ignore[no-untype
 
 @helper
 def _follow_said(state, place, sign, said):  # type: ignore[no-untyped-def]  # typed by numba
-    """Take what the next heartbeat says, as a number; of two things that were said the places are 2·place and behind."""
+    """Take what the next heartbeat says, as a number; the two things said last are in 2·place and behind it."""
     here = 2 * place + state.says[place]
     there = 2 * place + 1 - state.says[place]
     if said == state.said[here]:
@@ -315,10 +316,10 @@ def _follow(
     for i in range(start, end):
         row = arrival[i]
         frame, what = frames[row], np.int64(kind[row])
-        is_attitude = what == _EULER or what == _QUATERNION
+        is_attitude = what in (_EULER, _QUATERNION)
         state.now_us = frame.t_rx_us if frame.t_rx_us >= 0 else state.latest_ms * 1000
         _follow_version(state, _version(frame, buffer), np.int64(frame.seq), np.int64(is_attitude))
-        if not (is_attitude or what == _TIME or what == _BEAT):
+        if not (is_attitude or what in (_TIME, _BEAT)):
             continue
         payload = (buffer, np.int64(frame.payload), np.int64(frame.length))
         if what == _BEAT:
@@ -340,8 +341,8 @@ def _follow(
                 float_in(payload, at[4]), float_in(payload, at[5]), float_in(payload, at[6]), float_in(payload, at[7]),
             )  # fmt: skip
         w = float_in(payload, at[1]), float_in(payload, at[2]), float_in(payload, at[3])
-        size = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-        if np.isfinite(size) and size > 0.25 and np.isfinite(length(w)):
+        norm = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+        if abs(norm - 1.0) <= NORM_TOLERANCE and np.isfinite(length(w)):
             _follow_attitude(state, tracks, what, q, w, ms)
         n = _tell(state, SENDERS, first + row, signs, n)
         n = _tell(state, VERSIONS, first + row, signs, n)

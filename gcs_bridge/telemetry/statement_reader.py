@@ -6,6 +6,7 @@ Most messages say the same again: those are told apart in a kernel, and cost no 
 from __future__ import annotations
 
 from collections.abc import Iterator
+
 import numpy as np
 
 from gcs_bridge.columns import Int64s, Records

@@ -92,7 +92,7 @@ class Heartbeats:
 
     def __init__(self, dialect: Dialect) -> None:
         """Start with none heard."""
-        self._at = tuple(place_of(dialect["HEARTBEAT"], field)[0] for field in ("type", "autopilot"))
+        self._type_at, self._autopilot_at = (place_of(dialect["HEARTBEAT"], name)[0] for name in ("type", "autopilot"))
         self._votes = np.zeros(1, _VOTES)
         self._votes["leads"] = -1
 
@@ -103,7 +103,17 @@ class Heartbeats:
             return []
         changes = np.empty((count, 2), np.int64)
         start, end = share.starts[KIND["HEARTBEAT"] : KIND["HEARTBEAT"] + 2]
-        n = _count(self._votes, batch.frames, batch.buffer, batch.by_message, start, end, *self._at, changes)
+        n = _count(
+            self._votes,
+            batch.frames,
+            batch.buffer,
+            batch.by_message,
+            start,
+            end,
+            self._type_at,
+            self._autopilot_at,
+            changes,
+        )
         return [
             Majority(batch.first + row, int(batch.frames["t_rx_us"][row]), kind >> 8, kind & 0xFF)
             for row, kind in changes[:n].tolist()

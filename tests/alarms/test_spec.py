@@ -32,6 +32,7 @@ alarm    stream-attitude-invalid
 alarm    stream-attitude_quaternion-silent
 alarm    stream-attitude_quaternion-frozen
 alarm    stream-attitude_quaternion-invalid
+alarm    stream-senders
 warning  euler_quaternion-mean
 warning  quaternion_norm-warning
 warning  body_rates-warning
@@ -43,6 +44,7 @@ warning  secondary_estimate-tilt-warning
 warning  secondary_estimate-heading-warning
 warning  stream-attitude-slow
 warning  stream-attitude_quaternion-slow
+warning  stream-versions
 """
 
 
@@ -63,10 +65,10 @@ def test_names_within_a_check() -> None:
 
 
 def test_which_alarms_have_another_unit_than_their_check() -> None:
-    """A share has no unit, whatever the check measures in."""
+    """A share has no unit, whatever the check measures in; what goes back and forth is counted."""
     units = {check.name: check.unit for check in CHECKS}
     others = {(spec.id_part.split("-")[-1], spec.unit) for spec in SPECS if spec.unit != units[spec.check]}
-    assert others == {("slope", "1"), ("invalid", "1"), ("slow", "1")}
+    assert others == {("slope", "1"), ("invalid", "1"), ("slow", "1"), ("senders", "times"), ("versions", "times")}
 
 
 def test_about_which_alarms_the_doctor_is_asked() -> None:

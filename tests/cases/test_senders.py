@@ -1,4 +1,4 @@
-"""Two senders that use one (system, component): told, and never AGREE; one sender, whatever the link does to it, is not.
+"""Two senders that use one (system, component): told, never AGREE; one, whatever the link does to it, is not.
 
 Flights are made by hand (tests/helpers/wire.py).
 """
@@ -45,7 +45,7 @@ def together(*flights: list[Record]) -> list[Record]:
 
 
 def judged(records: list[Record]) -> tuple[str, list[str], int]:
-    """The verdict of the recording's vehicle, what its alarms and warnings say of senders, and how many boots it has."""
+    """The verdict of the recording's vehicle, what its alarms say of senders, and how many boots it has."""
     monitor = Monitor()
     monitor.feed_recording(wire.tlog(records))
     (entry,) = monitor.close().to_dict()["files"]
@@ -74,7 +74,9 @@ def test_two_attitudes(apart_deg: float, hz: tuple[float, float], late_s: float)
     """Of one clock; a little apart only where that cannot be a motion between two samples."""
     turned = apart_deg * np.array([0.6, 0.0, 0.8])
     one = sent(Still(3, -2, 40), euler_hz=hz[0], quaternion_hz=hz[0])
-    other = sent(Still(*turned), euler_hz=hz[1], quaternion_hz=0.0, late_s=late_s, boot_ms=10_000 + round(late_s * 1000))
+    other = sent(
+        Still(*turned), euler_hz=hz[1], quaternion_hz=0.0, late_s=late_s, boot_ms=10_000 + round(late_s * 1000)
+    )
     verdict, said, _ = judged(together(one, other))
     assert (verdict, bool(said)) == ("alarm", True)
 
@@ -103,8 +105,8 @@ def test_two_clocks_of_one_attitude(apart_ms: int) -> None:
 
 @pytest.mark.parametrize(
     "other",
-    [{"vehicle": 1}, {"autopilot": 12}, {"autopilot": 8, "vehicle": 6}, {"autopilot": 0, "vehicle": 18}, {"custom_mode": 4}],
-)  # fmt: skip
+    [{"vehicle": 1}, {"autopilot": 12}, {"autopilot": 8, "vehicle": 6}, {"vehicle": 18}, {"custom_mode": 4}],
+)
 @pytest.mark.parametrize("hz", [1.0, 0.7])
 def test_heartbeats_that_contradict_each_other(other: Json, hz: float) -> None:
     """The second sender sends nothing else; what most say names the vehicle."""
@@ -197,5 +199,7 @@ def test_a_vehicle_that_swings(hz: float, swing_hz: float) -> None:
         t_us = wire.START_US + round(t_s * S)
         if i % round(hz) == 0:
             records.append((t_us, wire.heartbeat(seq=2 * i)))
-        records.append((t_us, wire.attitude(10_000 + round(1000 * t_s), (roll, 0.0, 0.0), (rate, 0.0, 0.0), seq=2 * i + 1)))
+        records.append(
+            (t_us, wire.attitude(10_000 + round(1000 * t_s), (roll, 0.0, 0.0), (rate, 0.0, 0.0), seq=2 * i + 1))
+        )
     assert judged(records)[1] == []

@@ -53,6 +53,11 @@ def attitude_quaternion(
     return pack(message, **wire)
 
 
+def ahrs2(rpy_rad: Sequence[float] | Array, **wire: Any) -> bytes:
+    """AHRS2 of roll, pitch and yaw."""
+    return pack(mavlink.MAVLink_ahrs2_message(*rpy_rad, 0, 0, 0), **wire)
+
+
 def with_checksum(frame: bytes, crc_extra: int) -> bytes:
     """An unsigned frame with the checksum that its bytes ask for, by pymavlink's own x25crc."""
     return frame[:-2] + struct.pack("<H", x25crc(frame[1:-2] + bytes([crc_extra])).crc)

@@ -135,8 +135,8 @@ def _heartbeat_behind_the_attitudes() -> list[tuple[int, bytes]]:
 
 
 def _companion_behind_its_attitudes() -> list[tuple[int, bytes]]:
-    flown = [r for r in at_ten_hz(wire.Motion(8), 2, compid=191) if r[1][7] != 0]
-    beat = wire.heartbeat(autopilot=wire.NO_AUTOPILOT, vehicle=18, compid=191, seq=250)  # MAV_TYPE_ONBOARD_CONTROLLER
+    flown = [r for r in at_ten_hz(wire.Motion(8), 2, compid=2) if r[1][7] != 0]
+    beat = wire.heartbeat(autopilot=wire.NO_AUTOPILOT, vehicle=18, compid=2, seq=250)  # MAV_TYPE_ONBOARD_CONTROLLER
     return [*flown[:25], (flown[24][0], beat), *flown[25:]]
 
 
