@@ -213,6 +213,11 @@ class Expected:
         """Whether anything was undone that shows."""
         return bool(self._explanations)
 
+    @property
+    def undoes_view(self) -> bool:
+        """Whether a view was undone that shows."""
+        return any(one.cause == VTOL_VIEW for one in self._explanations)
+
     def explanations(self) -> list[ExplainedBy]:
         """The report's `explained_by`: what turned samples by more than 0.02°, in order of time."""
         return [self._entry(one) for one in self._explanations]
