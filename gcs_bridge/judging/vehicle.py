@@ -231,7 +231,8 @@ class VehicleJudge:
         euler = sent if corrected.q_nb is sent.q_nb else replace(sent, q_nb=corrected.q_nb)
         self._trims.follow(corrected)
         self._may_be_trim.put(*corrected.may_be_trim_from(before=self._may_be_trim.latest))
-        aligned = boot.aligner.pair(euler, quaternion, segment.message, None if euler is sent else sent.q_nb)
+        as_sent = None if euler is sent else sent.q_nb
+        aligned = boot.aligner.pair(euler, quaternion, segment.message, as_sent, corrected.changes)
         self._count(segment, aligned.period_us)
         line = Timeline(
             frame_index=segment.frame_index,
