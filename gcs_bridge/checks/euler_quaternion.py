@@ -366,8 +366,8 @@ def _is_withheld(pairs, i, of, found, may_be_fixed_wing, may_be_trim):  # type: 
 
     What a firmware does is told by parameters and modes, or fitted to some pairs: both take a moment. For so long
     after its onset a disagreement has no vote if it is a turn about the body's y axis, or the level one to its right,
-    on an ArduPlane (a view, a trim), or, where it is there from a boot's first seconds on or such a trim takes time to be fitted, no larger than
-    AHRS_TRIM could make it there.
+    on an ArduPlane (a view, a trim), or no larger than AHRS_TRIM could make it there: from a boot's first seconds on,
+    or while it takes time to fit that trim.
     """
     before_us, of.bad_us = of.bad_us, max(of.bad_us, pairs.t_boot_us[i])
     if of.bad_us - before_us > _CALM_US:

@@ -19,7 +19,7 @@ from gcs_bridge.expected.pairs import MOST_TRIM_RAD, pitch_axis
 
 MOST_PITCH_RAD = math.radians(15.0)  # a larger one is not fitted
 _P90, _P98 = 0.5, 1.0  # of what is left, in noises and bounds: with a right fit less than half of either
-_LEAVES_IN_HOVER = 3.0  # tailsitters hover in oscillations that are faster than their samples: up to the bounds
+LEAVES_IN_HOVER = 3.0  # tailsitters hover in oscillations that are faster than their samples: up to the bounds
 _LEAST, _LEAST_TRIMS = 4, 6  # pairs for one number, and for two
 _SURE_RAD, _SURE_VIEW_RAD = math.radians(0.15), math.radians(2.0)  # a number that is known no better is none yet
 _APART, _APART_LEAST = 3.0, 0.1  # a mistake must leave so many times more, and more than this: root mean squares
@@ -29,11 +29,23 @@ _STEPS = 5
 
 
 class Fitted(NamedTuple):
-    """A correction, and which mistakes the pairs could still be instead of it."""
+    """A correction, how well it is known, and which mistakes the pairs could still be instead of it.
+
+    `information`: the inverse of the covariance of (pitch or view, AHRS_TRIM_X, AHRS_TRIM_Y), rad, (3, 3).
+    """
 
     correction: Correction
+    information: Floats
     like_mount: bool
     like_sign: bool = False
+
+    def moves(self, other: Correction) -> float:
+        """How far the other correction is from this one, in standard deviations."""
+        of = [
+            np.array([one.pitch_rad + one.view_rad, one.trim_x_rad, one.trim_y_rad]) for one in (other, self.correction)
+        ]
+        by = of[0] - of[1]
+        return math.sqrt(float(by @ self.information @ by))
 
 
 def fit_pitch(pairs: BetweenPairs, base: Correction, noise_rad: float) -> Fitted | None:
@@ -53,17 +65,17 @@ def fit_pitch(pairs: BetweenPairs, base: Correction, noise_rad: float) -> Fitted
     mount = _off_mean(pairs.apart(base), scale, about_y=True)
     mirrored = pairs.rpy_rad * (1.0, -1.0, 1.0)
     sign = attitude.angle_between(base.undo(mirrored), pairs.q_nb) / scale
-    return Fitted(correction, not _worse(mount, left), not _worse(sign, left))
+    return Fitted(correction, _known(scale), not _worse(mount, left), not _worse(sign, left))
 
 
-def fit_view(pairs: BetweenPairs, noise_rad: float) -> float | None:
-    """A view: the angle, rad, about the body's y axis; None unless the pairs say one."""
+def fit_view(pairs: BetweenPairs, noise_rad: float) -> Fitted | None:
+    """A view: the angle about the body's y axis; None unless the pairs say one."""
     if len(pairs) < _LEAST:
         return None
     view_rad = _mean_known(pairs.apart(Correction())[:, 1], pairs.scale(noise_rad), _SURE_VIEW_RAD)
-    if view_rad is None or not explains(pairs, Correction(view_rad=view_rad), noise_rad, leaves=_LEAVES_IN_HOVER):
+    if view_rad is None or not explains(pairs, Correction(view_rad=view_rad), noise_rad, leaves=LEAVES_IN_HOVER):
         return None
-    return view_rad
+    return Fitted(Correction(view_rad=view_rad), _known(pairs.scale(noise_rad)), like_mount=True)
 
 
 def fit_trims(pairs: BetweenPairs, since: int, start: Correction, noise_rad: float) -> tuple[Fitted | None, bool]:
@@ -75,7 +87,7 @@ def fit_trims(pairs: BetweenPairs, since: int, start: Correction, noise_rad: flo
     if len(pairs) < _LEAST_TRIMS:
         return None, False
     scale = pairs.scale(noise_rad)
-    correction = _trims(pairs, start, 1.0 / np.square(scale))
+    correction, information = _trims(pairs, start, 1.0 / np.square(scale))
     if not explains(pairs, correction, noise_rad) or not explains(pairs[since:], correction, noise_rad):
         return None, True
     late, scale = pairs[since:], scale[since:]
@@ -85,15 +97,15 @@ def fit_trims(pairs: BetweenPairs, since: int, start: Correction, noise_rad: flo
     of_world = attitude.rotate(late.q_nb, of_body)
     if not all(_worse(_off_mean(turn, scale), left) for turn in (of_body, of_world)):
         return None, False
-    return Fitted(correction, like_mount=False), False
+    return Fitted(correction, information, like_mount=False), False
 
 
 def refit_trims(pairs: BetweenPairs, start: Correction, noise_rad: float) -> Fitted | None:
     """AHRS_TRIM that was fitted before, by more pairs."""
     if len(pairs) < _LEAST_TRIMS:
         return None
-    correction = _trims(pairs, start, 1.0 / np.square(pairs.scale(noise_rad)))
-    return Fitted(correction, like_mount=False) if explains(pairs, correction, noise_rad) else None
+    correction, information = _trims(pairs, start, 1.0 / np.square(pairs.scale(noise_rad)))
+    return Fitted(correction, information, like_mount=False) if explains(pairs, correction, noise_rad) else None
 
 
 def explains(pairs: BetweenPairs, correction: Correction, noise_rad: float, *, leaves: float = 1.0) -> bool:
@@ -105,8 +117,8 @@ def explains(pairs: BetweenPairs, correction: Correction, noise_rad: float, *, l
     return bool(left[round(0.9 * last)] <= leaves * _P90 and left[math.floor(0.98 * last)] <= leaves * _P98)
 
 
-def _trims(pairs: BetweenPairs, start: Correction, weight: Floats) -> Correction:
-    """The two numbers by Gauss and Newton, from a linear start where there is none yet."""
+def _trims(pairs: BetweenPairs, start: Correction, weight: Floats) -> tuple[Correction, Floats]:
+    """The two numbers by Gauss and Newton, from a linear start where there is none yet, and how well they are known."""
     pitch_rad, trims = start.pitch_rad, np.array([start.trim_x_rad, start.trim_y_rad])
     prior = np.eye(2) / _PRIOR_RAD**2
     if not trims.any():
@@ -127,9 +139,17 @@ def _trims(pairs: BetweenPairs, start: Correction, weight: Floats) -> Correction
             [(pairs.apart(Correction(pitch_rad, *one.tolist())).ravel() - at) / _STEP_RAD for one in nearby]
         )
         weighted = slopes * weights
-        trims = trims - np.linalg.solve(weighted @ slopes.T + prior, weighted @ at + prior @ trims)
+        normal = weighted @ slopes.T + prior
+        trims = trims - np.linalg.solve(normal, weighted @ at + prior @ trims)
     x, y = np.clip(trims, -MOST_TRIM_RAD, MOST_TRIM_RAD).tolist()
-    return Correction(pitch_rad, x, y)
+    information = np.zeros((3, 3))
+    information[1:, 1:] = normal
+    return Correction(pitch_rad, x, y), information
+
+
+def _known(scale: Floats) -> Floats:
+    """The information of one number, the first, from turns with these scales (n,)."""
+    return np.diag([float((1.0 / np.square(scale)).sum()), 0.0, 0.0])
 
 
 def _mean_known(turn: Floats, scale: Floats, sure_rad: float = _SURE_RAD) -> float | None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from gcs_bridge.columns import Floats
 from gcs_bridge.expected.between import NO_BETWEEN_PAIRS, BetweenPairs
 from gcs_bridge.expected.pairs import IN_A_ROW, SPARSE_US
 
@@ -29,6 +30,7 @@ class BetweenMemory:
     refine_us: int = NEVER_US  # when a fit is made anew,
     refine_every_us: int = _REFINE_FIRST_US
     since_us: int = 0  # by pairs from here on
+    information: Floats = field(default_factory=lambda: np.zeros((3, 3)))  # of the fit, as in `Fitted`
 
     @property
     def comes(self) -> bool:

@@ -11,7 +11,15 @@ import math
 import numpy as np
 
 from gcs_bridge.expected.between import TELLS_RAD, BetweenPairs
-from gcs_bridge.expected.between_fits import Fitted, fit_pitch, fit_trims, fit_view, refit_trims
+from gcs_bridge.expected.between_fits import (
+    LEAVES_IN_HOVER,
+    Fitted,
+    explains,
+    fit_pitch,
+    fit_trims,
+    fit_view,
+    refit_trims,
+)
 from gcs_bridge.expected.correction import AHRS_TRIM, PITCH_TRIM, VTOL_VIEW, Correction, CorrectionChange
 from gcs_bridge.expected.knowledge import FirmwareConfig
 from gcs_bridge.expected.pairs import IN_A_ROW
@@ -20,6 +28,7 @@ from gcs_bridge.expected.view import View
 _TRY_FIRST = (3, 4, 6, 8, 12)  # denials after which a fit is tried,
 _TRY_US, _TRY_SMALL_US = 250_000, 2_000_000  # and vehicle time between later attempts; where little is apart
 _DENY_FIT, _DENY_FIT_US = 6, 1_000_000  # pairs in a row, for so long, that deny a fit for good: few oscillate so
+_MOVES, _LATEST = 3.0, 16  # a fit made anew is within so many deviations of the one before, and fits so many pairs
 _SMALL_RAD = math.radians(0.3)
 _SAME_RAD = math.radians(0.002)  # a fit that moves by less is the same
 
@@ -71,26 +80,26 @@ def _denied(view: View, more: BetweenPairs, told: FirmwareConfig, rival: Correct
         return bool((last.residual(other) <= last.scale(noise_rad)).all())
 
     for other in view.expected:
-        if other != view.correction and fits(other):
+        if other != view.correction and fits(other) and explains(run, other, noise_rad):
             return CorrectionChange(at, other)
     if rival is not None and not last.free.any() and fits(rival):
         return CorrectionChange(at, view.correction, view.fitted, gives_up=VTOL_VIEW)
     if view.by_between and (step := _refined(view, more)) is not None:
         return step
     if view.open & VTOL_VIEW and not view.fitted and (last.free.all() or not view.settled):
-        view_rad = fit_view(run, noise_rad)
-        if view_rad is not None and told.allows_view(np.array(view_rad)):
-            return CorrectionChange(at, Correction(view_rad=view_rad), VTOL_VIEW, between=True, like_mount=True)
+        fitted = fit_view(run, noise_rad)
+        if fitted is not None and told.allows_view(np.array(fitted.correction.view_rad)):
+            return _change(view, at, fitted, VTOL_VIEW)
     if view.open & PITCH_TRIM:
         fitted = fit_pitch(run, view.expected[0]._replace(pitch_rad=0.0), noise_rad)
         if fitted is not None and (_is_told_apart(fitted) or not (view.settled or view.fitted)):
-            return _change(at, fitted, PITCH_TRIM)
+            return _change(view, at, fitted, PITCH_TRIM)
     if view.open & AHRS_TRIM and not view.fitted & AHRS_TRIM:
         whole = memory.window(more, 0)
         start = Correction(view.expected[0].pitch_rad)
         fitted, memory.denies_trims = fit_trims(whole, len(whole) - len(run), start, noise_rad)
         if fitted is not None:
-            return _change(at, fitted, AHRS_TRIM)
+            return _change(view, at, fitted, AHRS_TRIM)
     lasts_us = int(more.t_us[-1]) - memory.denied_since_us
     is_denied = memory.denials >= _DENY_FIT and lasts_us >= _DENY_FIT_US
     if view.fitted and view.by_between and not view.proven and is_denied:
@@ -108,20 +117,32 @@ def _refined(view: View, more: BetweenPairs) -> CorrectionChange | None:
         fitted = fit_pitch(window, view.expected[0]._replace(pitch_rad=0.0), noise_rad)
     elif view.fitted == AHRS_TRIM:
         fitted = refit_trims(window, view.correction, noise_rad)
-    elif view.fitted == VTOL_VIEW and (view_rad := fit_view(window, noise_rad)) is not None:
-        fitted = Fitted(Correction(view_rad=view_rad), like_mount=True)
-    if fitted is None:
+    elif view.fitted == VTOL_VIEW:
+        fitted = fit_view(window, noise_rad)
+    if fitted is None or not _betters(fitted, view, window):
         return None
     moved = max(abs(a - b) for a, b in zip(fitted.correction, view.correction, strict=True))
     proves = _is_told_apart(fitted) and not view.proven
-    return _change(at, fitted, view.fitted, refines=True) if moved > _SAME_RAD or proves else None
+    return _change(view, at, fitted, view.fitted, refines=True) if moved > _SAME_RAD or proves else None
 
 
 def _is_told_apart(fitted: Fitted) -> bool:
     return not fitted.like_mount and not fitted.like_sign
 
 
-def _change(at: int, fitted: Fitted, cause: int, *, refines: bool = False) -> CorrectionChange:
+def _betters(fitted: Fitted, view: View, window: BetweenPairs) -> bool:
+    """Whether a fit made anew is the same one: near to what was known, and good for the latest pairs as well."""
+    memory = view.between
+    before = Fitted(view.correction, memory.information, like_mount=False)
+    leaves = LEAVES_IN_HOVER if view.fitted == VTOL_VIEW else 1.0
+    latest = window[-_LATEST:]
+    return before.moves(fitted.correction) <= _MOVES and explains(
+        latest, fitted.correction, view.noise_between_rad, leaves=leaves
+    )
+
+
+def _change(view: View, at: int, fitted: Fitted, cause: int, *, refines: bool = False) -> CorrectionChange:
+    view.between.information = fitted.information
     return CorrectionChange(
         at,
         fitted.correction,

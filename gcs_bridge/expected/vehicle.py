@@ -58,6 +58,7 @@ from gcs_bridge.telemetry.samples import AttitudeSamples, ImuSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 
 _EFFECT_RAD = math.radians(0.02)  # what the bound of a same-instant pair swallows needs no explanation
+_CHANGE_RAD = math.radians(0.5)  # across a change by more there is no step of the vehicle
 _SAME_VALUE_RAD = math.radians(0.3)  # a fit that moves by less was refined
 _MODE_LAG_US = 10_000_000  # a tailsitter changes its view when it has turned, seconds after the mode; 3.5 s were seen
 _AHEAD_US = 1_000_000  # heartbeats come once a second: the view may change before the mode is told
@@ -82,6 +83,7 @@ class Corrected(FrameColumns):
     untold: npt.NDArray[np.uint8]
     applied: Int64s
     corrections: tuple[Correction, ...]
+    changes: Int64s | None = None
 
     def undo(self, rpy_rad: Floats, rows: Int64s) -> Floats:
         """What was undone at `rows` (n,) of the batch, undone in other angles (n, 3): q_nb (n, 4)."""
@@ -152,6 +154,7 @@ class Expected:
         self._on_wings = False  # it was felt to be as ATTITUDE says in forward flight
         self._tails: Tails | None = None  # for the latest, and the pairs of the view: made when some come
         self._tails_hold = False  # whether they are there
+        self._applied, self._changed = NOTHING, 0  # to the last sample, and how often that has changed
         self._done = -1  # frame_index up to which pairs were taken
         self._mode_since_us: int | None = None  # None: counted from the next sample
         self._shown: int | None = None  # the view of the latest sample, None: that of the mode
@@ -206,12 +209,28 @@ class Expected:
             untold=untold,
             applied=applied,
             corrections=tuple(corrections),
+            changes=self._changes(applied, corrections),
         )
+
+    def _changes(self, applied: Int64s, corrections: list[Correction]) -> Int64s | None:
+        """How often what is undone has changed up to each sample; None: never."""
+        if len(corrections) == 1 and self._applied == NOTHING and not self._changed:
+            return None
+        values = np.array([self._applied, *(corrections[index] for index in applied.tolist())])
+        changes = self._changed + np.cumsum((np.abs(np.diff(values, axis=0)) > _CHANGE_RAD).any(axis=1))
+        if len(applied):
+            self._applied, self._changed = corrections[int(applied[-1])], int(changes[-1])
+        return changes
 
     @property
     def explains(self) -> bool:
         """Whether anything was undone that shows."""
         return bool(self._explanations)
+
+    @property
+    def undoes_view(self) -> bool:
+        """Whether a view was undone that shows."""
+        return any(one.cause == VTOL_VIEW for one in self._explanations)
 
     def explanations(self) -> list[ExplainedBy]:
         """The report's `explained_by`: what turned samples by more than 0.02°, in order of time."""

@@ -77,7 +77,8 @@ class View:
         """Pairs of the boot before say nothing any more; the correction still holds, as parameters do."""
         self.recent = self.sparse = NO_CLEAN_PAIRS
         self._denials, self.learnt["agreements"], self.learnt["between_agreements"] = 0, 0, 0
-        self.between = BetweenMemory()
+        information = self.between.information
+        self.between = BetweenMemory(information=information)
         if self.by_between:
             self.between.begin_refining(0)
 

@@ -301,7 +301,8 @@ class VehicleJudge:
         imu = self._imu_of(chosen)
         see = partial(boot.references.take, segment.message, euler, quaternion, imu)
         seeing = Beside(see) if len(segment.message) >= _MANY else None
-        aligned = boot.aligner.pair(euler, quaternion, segment.message, None if euler is sent else sent.q_nb)
+        as_sent = None if euler is sent else sent.q_nb
+        aligned = boot.aligner.pair(euler, quaternion, segment.message, as_sent, corrected.changes)
         attitudes, imu_with_attitude = see() if seeing is None else seeing.result()
         self._count(segment, aligned.period_us)
         rows = segment.frame_index - link.frame_index[0]

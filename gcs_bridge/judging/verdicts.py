@@ -75,8 +75,8 @@ class Verdicts:
         return "explained" if self._expected.explains else "agree"
 
     def _is_explained(self, check: Check) -> bool:
-        """Whether a check of the attitude's down had ATTITUDE alone, of which something was undone first."""
-        return check.name in _OF_DOWN and not self._euler_quaternion.judged and self._expected.explains
+        """Whether a check of the attitude's down had ATTITUDE alone, of which a view was undone first."""
+        return check.name in _OF_DOWN and not self._euler_quaternion.judged and self._expected.undoes_view
 
     def entry(self, check: Check, verdict: schema.CheckVerdict, autopilot: str, both_alive_us: int) -> schema.Check:
         """The report's entry of one check; `both_alive_us`: for so long both attitude streams were alive."""

@@ -5,7 +5,6 @@ So what is paired, and what a pair is worth, cannot depend on how the samples we
 
 from __future__ import annotations
 
-from math import radians
 from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from gcs_bridge.attitude._rows import where
 from gcs_bridge.attitude.compiled import put, unit_at, vector_of
 from gcs_bridge.attitude.kinematics import interpolated
-from gcs_bridge.attitude.quaternion import angle_of, conjugated, length, product
+from gcs_bridge.attitude.quaternion import conjugated, length, product
 from gcs_bridge.columns import FloatRows, Floats, Int64Rows, Int64s, Mask, MaskRows
 from gcs_bridge.jit import helper, kernel, share
 from gcs_bridge.pairing.bounds import (
@@ -42,8 +41,8 @@ _KIN = 7  # rad by which the step differs from what the rates say
 _DENIED = 8  # whether the rates contradict it
 _UNSTEADY = 9  # rad/s by which the rates may be off at the sample, as the step shows them
 _APPLIED = 10  # four: the quaternion from expected to sent, body side
-_COLUMNS = 14
-CHANGE_RAD = radians(0.5)  # by which what is expected may change between two samples, trims in turns included
+_EXPECTED = 14  # which difference was undone: another number for another one
+_COLUMNS = 15
 UNKNOWN = -1
 
 
@@ -53,8 +52,8 @@ class PairState(NamedTuple):
     of: Int64Rows  # (2, 8) counters, see above
     slower: Int64s  # (1,)
     time: Int64Rows  # (2, room) by position; the room is a power of two and grows up to RING
-    rows: Annotated[Floats, 3]  # (2, room, 14) by position
-    latest: FloatRows  # (2, 14) of the latest sample in order
+    rows: Annotated[Floats, 3]  # (2, room, 15) by position
+    latest: FloatRows  # (2, 15) of the latest sample in order
     paired: Int64Rows  # (2, room) by position: 0, or how it was paired
     ordered: Int64Rows  # (2, room) positions whose time is later than all before
     waiting: Int64Rows  # (2, room) positions that wait for a partner
@@ -110,6 +109,7 @@ class Came(NamedTuple):
     t_rx_us: Int64s
     q_nb: FloatRows  # (n, 4) what is expected undone
     q_sent: FloatRows  # (n, 4) as sent; (0, 4): nothing was undone
+    expected: Int64s  # (n,) which difference was; (0,): the same in all samples so far
     w_b_rad_s: FloatRows  # (n, 3)
     valid: Mask
 
@@ -283,7 +283,7 @@ def _step_to(state, k, position, frame_index, limits, steps, n):  # type: ignore
     # A step that hardly turned was not a step, whatever the rates made of it.
     denied = kin > limit and length(phi) > limits.step_rad
     # Across a change of what is undone there is no step of the vehicle.
-    changed = _expected_changed(before, row)
+    changed = before[_EXPECTED] != row[_EXPECTED]
     kin, denied = where(changed, np.nan, kin), denied and not changed
     row[_KIN], row[_DENIED], row[_UNSTEADY] = kin, denied, change + 2.0 * kin / h
     steps.frame_index[k, n], steps.t0_us[k, n], steps.t1_us[k, n] = frame_index, t0_us, t1_us
@@ -294,13 +294,6 @@ def _step_to(state, k, position, frame_index, limits, steps, n):  # type: ignore
     put(phi, steps.turn_b_rad[k], n)
     steps.rate_residual_rad[k, n], steps.limit_rad[k, n], steps.contradicts_rates[k, n] = kin, limit, denied
     return n + 1
-
-
-@helper
-def _expected_changed(before, row):  # type: ignore[no-untyped-def]  # typed by numba
-    """Whether another difference was undone in one sample than in the one before."""
-    one, other = _four(before, _APPLIED), _four(row, _APPLIED)
-    return one != other and angle_of(product(conjugated(one), other)) > CHANGE_RAD
 
 
 @helper
@@ -326,6 +319,7 @@ def _keep(state, k, position, came, i):  # type: ignore[no-untyped-def]  # typed
             row[_APPLIED + axis] = applied[axis] + 0.0
     for axis in range(3):
         row[_W + axis] = came.w_b_rad_s[i, axis]
+    row[_EXPECTED] = came.expected[i] if came.expected.size else 0
     row[_KIN], row[_DENIED], row[_UNSTEADY] = np.inf, 0.0, np.nan
 
 

@@ -90,11 +90,13 @@ class Aligner:
         quaternion: AttitudeSamples,
         stream: Int64s,
         q_euler_sent: Floats | None = None,
+        expected: Int64s | None = None,
     ) -> Aligned:
         """The pairs that these samples complete; those that are not valid are passed over.
 
         `stream` (n,): the messages in order of arrival, 0 and 1 the next sample of `euler` and `quaternion`, any other
-        none of both. `q_euler_sent` are ATTITUDE's own, where `euler` differs from them.
+        none of both. `q_euler_sent` are ATTITUDE's own, where `euler` differs from them, and
+        `expected` (n,) which difference was undone, a number for each; None: none ever.
         """
         n, longest = len(stream), max(len(euler), len(quaternion))
         self._undone |= q_euler_sent is not None
@@ -103,8 +105,8 @@ class Aligner:
         periods, counts = np.empty((2, n), np.int64), np.empty(5, np.int64)
         pair_kernel(
             stream,
-            _came(euler, q_euler_sent),
-            _came(quaternion, None),
+            _came(euler, q_euler_sent, expected),
+            _came(quaternion, None, None),
             self._limits,
             self._state,
             pairs,
@@ -141,16 +143,17 @@ class Aligner:
         )
 
 
-def _came(samples: AttitudeSamples, q_sent: Floats | None) -> Came:
+def _came(samples: AttitudeSamples, q_sent: Floats | None, expected: Int64s | None) -> Came:
     return Came(
         frame_index=samples.frame_index,
         t_us=samples.t_boot_us,
         t_rx_us=samples.t_rx_us,
         q_nb=samples.q_nb,
         q_sent=_NOTHING_UNDONE if q_sent is None else q_sent,
+        expected=_NEVER if expected is None else expected,
         w_b_rad_s=samples.w_nb_b_rad_s,
         valid=samples.valid,
     )
 
 
-_NOTHING_UNDONE = np.empty((0, 4))
+_NOTHING_UNDONE, _NEVER = np.empty((0, 4)), np.empty(0, np.int64)
