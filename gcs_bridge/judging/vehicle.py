@@ -28,6 +28,7 @@ from gcs_bridge.judging.estimator_resets import Statements
 from gcs_bridge.judging.notices import breaks, clock_notice, reset_notice, stream_changes
 from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.snapshot import AlarmNow, CheckNow, VehicleNow, attitude_now, last_of
+from gcs_bridge.judging.start_up import StartUpChange
 from gcs_bridge.judging.verdicts import Verdicts
 from gcs_bridge.pairing.references import VehicleImu
 from gcs_bridge.report import schema
@@ -37,7 +38,7 @@ from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples
-from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
+from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, ReadySet, Statement, StepSignal
 from gcs_bridge.telemetry.stillness import Stillness
 from gcs_bridge.telemetry.stream_counts import StreamCount
 from gcs_bridge.telemetry.stream_liveness import OTHER, StreamChange, Timeline
@@ -66,6 +67,7 @@ class VehicleJudge:
         self._expected = Expected()
         self._news: list[Statement] = []  # that came behind the last message with a time
         self._statements = Statements()
+        self._said: dict[str, Statement] = {}  # whether it is ready, by the message that says so, and its mode
         self._stillness = Stillness(settings.gravity)
         self._trims = TrimsInForce()
         self._fixed_wing, self._ardupilot = StepSignal(), StepSignal()
@@ -224,6 +226,11 @@ class VehicleJudge:
         self._latest = [new if len(new) else old for new, old in zip((sent, quaternion), self._latest, strict=True)]
         until = int(segment.frame_index[-1]) if len(segment.frame_index) else -1
         told = [say for say in self._news if say.frame_index <= until]
+        for say in told:
+            if isinstance(say, ReadySet):
+                self._said[say.source] = say
+            elif isinstance(say, ModeSet):
+                self._said["mode"] = say
         self._news = [say for say in self._news if say.frame_index > until]
         self._expected.told(say for say in told if isinstance(say, ParameterSet | ModeSet))
         corrected = self._expected.correct(sent, quaternion)
@@ -242,7 +249,8 @@ class VehicleJudge:
             received=segment.received,
         )
         turns = self._heard_on(list(boot.liveness.take(line, link)) if len(segment.message) else [], link)
-        notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link)
+        was_starting, start_ups = boot.is_starting, boot.start_up.take(told, segment)
+        notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link, start_ups)
         yield from notices
 
         imu = self._imu_of(boot, batch)
@@ -268,9 +276,13 @@ class VehicleJudge:
             said = self._statements.before(reset.frame_index, t_rx_us)
             yield reset_notice(self.vehicle, boot.index, reset, t_rx_us, said)
         self.alarm_manager.begin(signals, link)
-        for check in self._checks:
-            check.judge(flight, self.alarm_manager.ballot)
-        yield from breaks(self.vehicle, boot.index, self._checks, link)
+        if was_starting or start_ups:
+            self._verdicts.started_up(boot.index, boot.last_us, start_ups)
+            yield from self._judge_what_is_ready(boot, flight, was_starting, start_ups, link)
+        else:
+            for check in self._checks:
+                check.judge(flight, self.alarm_manager.ballot)
+            yield from breaks(self.vehicle, boot.index, self._checks, link)
         found = self._euler_quaternion.found
         assert found is not None
         boot.diagnosis_cases.keep(
@@ -299,6 +311,20 @@ class VehicleJudge:
                     notices=tuple(in_order(told_of)),
                 )
             )
+
+    def _judge_what_is_ready(
+        self, boot: Boot, flight: CheckBatch, was_starting: bool, start_ups: list[StartUpChange], link: LinkClock
+    ) -> Iterator[Notice]:
+        """Judge a batch in some of which the attitude is not ready: that is left out where an attitude is compared."""
+        begins: list[tuple[int, bool]] = [(0, was_starting)]
+        begins += [(change.frame_index, change.starting) for change in start_ups]
+        ends = [frame_index for frame_index, _ in begins[1:]] + [np.iinfo(np.int64).max]
+        ready = [flight.frames(first, end) for (first, starting), end in zip(begins, ends, strict=True) if not starting]
+        for check in self._checks:
+            waits = check.compares and check is not self._euler_quaternion  # its alarms alone wait
+            for part in (ready or [flight.frames(0, 0)]) if waits else [flight]:
+                check.judge(part, self.alarm_manager.ballot)
+                yield from breaks(self.vehicle, boot.index, [check], link)
 
     def _ask(self, boot: Boot, moment: AlarmTransition, link: LinkClock) -> Iterator[Notice]:
         """Ask the doctor about an alarm that is raised, or goes."""
@@ -342,7 +368,7 @@ class VehicleJudge:
     def _start_boot(self, segment: BootSegment) -> Boot:
         before = self._boot
         first = (int(segment.frame_index[0]), int(segment.t_boot_us[0]), int(segment.t_rx_us[0]))
-        boot = Boot(segment.boot, *first, self._settings)
+        boot = Boot(segment.boot, *first, self._said.values(), self._settings)
         if before is not None:
             self._boots.append(before.entry())
             self._both_alive_us += before.liveness.both_alive_us

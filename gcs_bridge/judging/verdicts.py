@@ -11,14 +11,18 @@ from collections.abc import Mapping, Sequence
 from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.checks.base import Check
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
+from gcs_bridge.checks.quaternion_norm import QuaternionNorm
 from gcs_bridge.contract import ExplainedBy, Severity, known
 from gcs_bridge.expected import Expected
+from gcs_bridge.judging.start_up import StartUpChange
 from gcs_bridge.mavlink.requests import request_command
 from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
-from gcs_bridge.telemetry.samples import STREAMS
+from gcs_bridge.telemetry.samples import ATTITUDE_QUATERNION, STREAMS
 from gcs_bridge.telemetry.stream_counts import StreamCount
 
+_LEAST_SHARE = 0.01  # of the time with sources
+_ENOUGH_US = 10_000_000  # a flight is long, and rest before it is short
 _SEVERITIES: tuple[Severity, ...] = ("alarm", "warning")  # worst first
 
 
@@ -34,13 +38,26 @@ class Verdicts:
         settings: Settings,
     ) -> None:
         """Look at these, which go on changing."""
+        self._start_ups: dict[int, tuple[str, int, int]] = {}  # by boot: who said so, from when to when, µs
         self.left_pending = False  # a boot ended before its alarm's on-delay did
         self._checks = checks
         self._euler_quaternion = next(check for check in checks if isinstance(check, EulerQuaternion))
+        self._quaternion_norm = next(check for check in checks if isinstance(check, QuaternionNorm))
         self._alarms = alarms
         self._expected = expected
         self._streams = streams
         self._settings = settings
+
+    def started_up(self, boot: int, latest_us: int, changes: Sequence[StartUpChange]) -> None:
+        """A boot was in start-up, up to `latest_us` if it still is; `changes`: where that began or ended."""
+        source, since_us, _ = self._start_ups.get(boot, ("", 0, 0))
+        until_us = latest_us
+        for change in changes:
+            if change.starting:
+                source, since_us, until_us = change.source, change.t_boot_us, latest_us
+            else:
+                until_us = change.t_boot_us
+        self._start_ups[boot] = source, since_us, until_us
 
     def of_vehicle(self, of_checks: Mapping[str, schema.CheckVerdict]) -> schema.Verdict:
         """The worst of its alarms; else whether any attitude comparator judged it, by the verdicts `of_checks`."""
@@ -63,13 +80,17 @@ class Verdicts:
         """The verdict of a check that raised nothing."""
         if check.broken is not None:
             return "inop"
-        if check.judged < self._settings.alarm.counted_samples:
+        if check.judged < self._settings.alarm.counted_samples or self._hardly_judged(check):
             return "no_compare"
         if check is not self._euler_quaternion:
             return "agree" if check.tells else "no_compare"
         if self._undecided:
             return "no_compare"
         return "explained" if self._expected.explains else "agree"
+
+    def _hardly_judged(self, check: Check) -> bool:
+        """Whether so little of the time was judged that agreement in it says nothing of the rest."""
+        return check is not self._euler_quaternion and check.judged_us < min(_LEAST_SHARE * check.alive_us, _ENOUGH_US)
 
     def entry(self, check: Check, verdict: schema.CheckVerdict, autopilot: str, both_alive_us: int) -> schema.Check:
         """The report's entry of one check; `both_alive_us`: for so long both attitude streams were alive."""
@@ -80,6 +101,9 @@ class Verdicts:
             explained_by = self._expected.explanations()
         reason = self._reason(check, verdict, autopilot)
         remark = check.remark if verdict in ("agree", "explained", "no_compare") else None
+        if check.compares and self._start_ups:
+            said = [self._start_up_said, reason]
+            reason = "; ".join(reversed(said) if verdict == "no_compare" and check.judged == 0 else said)
         return schema.Check(
             name=check.name,
             verdict=verdict,
@@ -95,14 +119,30 @@ class Verdicts:
             found = [alarm for alarm in self._alarms.alarms if (alarm.check, alarm.severity) == (check.name, verdict)]
             worst = max(found, key=lambda alarm: alarm.peak)
             count = f"1 {verdict}" if len(found) == 1 else f"{len(found)} {verdict}s"
-            return f"{count}: {worst.what}, up to {worst.peak:.3g} {worst.unit}".replace(" deg", "°")
+            return f"{count}: {worst.what}, up to {worst.peak:.3g} {worst.unit}".replace(" deg", "°").removesuffix(" 1")
         if verdict == "inop":
             return check.broken or ""
         if verdict == "no_compare":
-            return self._why_not_compared(autopilot) if check is self._euler_quaternion else check.why_not()
+            if check is self._euler_quaternion:
+                return self._why_not_compared(autopilot)
+            if check.judged >= self._settings.alarm.counted_samples and self._hardly_judged(check):
+                return f"only {check.judged_us / 1e6:.1f} s of {check.alive_us / 1e6:.0f} s could be judged"
+            return check.why_not()
         if verdict == "explained":
             return "the firmware sends the two forms differently on purpose, by what was undone here"
         return check.ok_text
+
+    @property
+    def _start_up_said(self) -> str:
+        """When alarms waited, and why."""
+        spans = [
+            f"from {since_us / 1e6:.1f} to {until_us / 1e6:.1f} s of boot {boot}"
+            for boot, (_, since_us, until_us) in self._start_ups.items()
+        ]
+        sources = sorted({source for source, _, _ in self._start_ups.values()})
+        return (
+            f"start-up {', '.join(spans)}: not judged, as {' and '.join(sources)} said that the attitude was not ready"
+        )
 
     @property
     def _undecided(self) -> bool:
@@ -124,6 +164,11 @@ class Verdicts:
         usable = {name: self._streams[name].count - self._streams[name].invalid for name in STREAMS}
         rarest = min(STREAMS, key=lambda name: usable[name])
         if usable[rarest] < least:
+            zeros = self._quaternion_norm.zeros
+            if rarest == ATTITUDE_QUATERNION and 2 * zeros > self._streams[rarest].count:
+                return f"{zeros} of {self._streams[rarest].count} ATTITUDE_QUATERNION are all four zero: no attitude"
+            if 2 * self._streams[rarest].invalid > self._streams[rarest].count:
+                return f"only {usable[rarest]} of {self._streams[rarest].count} samples of {rarest} hold an attitude"
             return f"only {usable[rarest]} usable samples of {rarest}: {_how_to_get(rarest, autopilot)}"
         return (
             f"only {check.judged} pairs could be judged: the two streams never came at one instant, "

@@ -20,6 +20,7 @@ STATEMENTS = (
     "EKF_STATUS_REPORT",
     "ESTIMATOR_STATUS",
     "ODOMETRY",
+    "SYS_STATUS",
 )
 USED = (*TIMED, *(name for name in IMU_MESSAGES if name not in TIMED), AHRS2, "LOCAL_POSITION_NED", *STATEMENTS)
 KIND = {name: kind for kind, name in enumerate(USED)}
