@@ -134,10 +134,10 @@ class Usable:
             self._unknown = self._zeros = 0
             return
         zeros = ((numbers == 0.0).all(axis=1) & (force == 0.0).all(axis=1)).tolist()
-        for row, known in enumerate(finite(numbers).tolist()):
-            self._unknown = 0 if known else self._unknown + 1
+        for row, is_number in enumerate(finite(numbers).tolist()):
+            self._unknown = 0 if is_number else self._unknown + 1
             self._zeros = self._zeros + 1 if zeros[row] else 0
-            means = known and not zeros[row]
+            means = is_number and not zeros[row]
             lost = self._unknown >= _UNKNOWN_SAMPLES or self._zeros >= _ZERO_SAMPLES
             if self.broken == means and (means or lost):
                 self.broken = not means

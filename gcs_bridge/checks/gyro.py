@@ -46,6 +46,9 @@ _STATE = np.dtype(
         ("learned_s", "f8"),  # for how long the bias was followed, less where little could be told of it
         ("bias_rad_s", "f8", (3,)),
         ("lag_s", "f8"),  # of the clocks
+        # At the end of the last gap: the rates, and half of what they changed by in it.
+        ("last_rate_rad_s", "f8", (3,)),
+        ("last_change_rad_s", "f8", (3,)),
         # Sums over the last time: of the difference squared, of what neither account of a turn explains squared, s.
         ("differed", "f8"),
         ("missed", "f8"),
@@ -250,7 +253,12 @@ def _unseen(state, swings, t_us, start, end, turn, difference, gap_s, step_s):  
         mean = 0.5 * (start[axis] + end[axis])
         rate, change = turn[axis] / gap_s, 0.5 * (end[axis] - start[axis])
         off = difference[axis] - state.bias_rad_s[axis] - state.lag_s * 2.0 * change / gap_s
-        of_rates += (rate - mean) ** 2 + change * change
+        # Between two gaps a rate that is sampled often enough changes alike; else that the mean is right is chance.
+        if state.last_rate_rad_s[axis] == start[axis]:
+            of_rates += (0.5 * (change - state.last_change_rad_s[axis])) ** 2
+        if state.last_rate_rad_s[axis] != end[axis]:  # else it is the same gap again
+            state.last_rate_rad_s[axis], state.last_change_rad_s[axis] = end[axis], change
+        of_rates += (rate - mean) ** 2
         of_gyro += (rate - mean - off) ** 2
         turned += rate * rate
         differs += off * off

@@ -39,6 +39,7 @@ class Verdicts:
     ) -> None:
         """Look at these, which go on changing."""
         self._start_ups: dict[int, tuple[str, int, int]] = {}  # by boot: who said so, from when to when, µs
+        self._is_starting = False
         self.left_pending = False  # a boot ended before its alarm's on-delay did
         self._checks = checks
         self._euler_quaternion = next(check for check in checks if isinstance(check, EulerQuaternion))
@@ -58,6 +59,7 @@ class Verdicts:
             else:
                 until_us = change.t_boot_us
         self._start_ups[boot] = source, since_us, until_us
+        self._is_starting = changes[-1].starting if changes else True
 
     def of_vehicle(self, of_checks: Mapping[str, schema.CheckVerdict]) -> schema.Verdict:
         """The worst of its alarms; else whether any attitude comparator judged it, by the verdicts `of_checks`."""
@@ -102,8 +104,7 @@ class Verdicts:
         reason = self._reason(check, verdict, autopilot)
         remark = check.remark if verdict in ("agree", "explained", "no_compare") else None
         if check.compares and self._start_ups:
-            said = [self._start_up_said, reason]
-            reason = "; ".join(reversed(said) if verdict == "no_compare" and check.judged == 0 else said)
+            reason = self._with_start_up(check, verdict, reason)
         return schema.Check(
             name=check.name,
             verdict=verdict,
@@ -131,6 +132,13 @@ class Verdicts:
         if verdict == "explained":
             return "the firmware sends the two forms differently on purpose, by what was undone here"
         return check.ok_text
+
+    def _with_start_up(self, check: Check, verdict: schema.CheckVerdict, reason: str) -> str:
+        """A verdict's reason beside that of start-up; where that goes on, there is no other."""
+        said = self._start_up_said
+        if verdict != "no_compare" or check.judged:
+            return f"{said}; {reason}"
+        return said if self._is_starting and check is not self._euler_quaternion else f"{reason}; {said}"
 
     @property
     def _start_up_said(self) -> str:
