@@ -167,6 +167,8 @@ class SecondaryEstimateSettings(Struct, frozen=True, kw_only=True):
     quiet_s: _Duration = 10.0
     quiet_below_rad_s: _Rate = math.radians(10.0)
     quiet_bank_rad: _Angle = math.radians(30.0)
+    level_bank_rad: _Angle = math.radians(10.0)
+    banked_times: Annotated[float, Meta(ge=1, le=10)] = 2.0
     skipped_s: _Delay = 30.0
     agreed_rad: _Angle = math.radians(5.0)
     agreed_s: _Duration = 10.0
@@ -181,6 +183,8 @@ class MagHeadingSettings(Struct, frozen=True, kw_only=True):
     skipped_s: _Delay = 10.0
     quiet_below_rad_s: _Rate = math.radians(30.0)
     quiet_bank_rad: _Angle = math.radians(30.0)
+    level_bank_rad: _Angle = math.radians(10.0)
+    banked_times: Annotated[float, Meta(ge=1, le=10)] = 2.0
 
 
 class StreamSettings(Struct, frozen=True, kw_only=True):

@@ -23,7 +23,8 @@ from gcs_bridge.telemetry.samples import finite
 NO_DETAIL = (np.nan, np.nan, np.nan, np.nan, np.nan)
 """Of a value that has no direction."""
 
-_UNKNOWN_SAMPLES = 200
+_UNKNOWN_SAMPLES, _ZERO_SAMPLES = 200, 50
+_MOSTLY = 0.9
 _LONGEST_US = 2_000_000  # of the time between two samples, what counts as watched
 
 
@@ -85,6 +86,26 @@ def all_known(rows: FloatRows) -> bool:
     return known
 
 
+@helper
+def is_dead(force, numbers):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether a sample's specific force, and some numbers beside it, are zeros: no sensor measures that for long."""
+    none = True
+    for number in force:
+        none &= number == 0.0
+    for number in numbers:
+        none &= number == 0.0
+    return none
+
+
+@kernel
+def count_dead(force: FloatRows, numbers: FloatRows) -> int:
+    """How many samples (n, 3) are zeros."""
+    n = 0
+    for i in range(len(force)):
+        n += is_dead(force[i], numbers[i])
+    return n
+
+
 class Break(NamedTuple):
     """A comparison became unable to run, or able again, with a frame."""
 
@@ -100,19 +121,32 @@ class Usable:
         """Start with a source that is believed to be usable."""
         self.broken = False
         self.breaks: list[Break] = []
-        self._unknown = 0
+        self.dead = self.samples = 0  # how many were zeros, and how many came
+        self._unknown = self._zeros = 0
 
-    def follow(self, numbers: Floats, t_us: Int64s, frame_index: Int64s) -> None:
-        """Take the next samples (n, k): those with NaN in them mean nothing."""
+    def follow(self, numbers: Floats, force: Floats, t_us: Int64s, frame_index: Int64s) -> None:
+        """Take the next samples (n, k): those with NaN in them mean nothing, nor do zeros beside a `force` of zero."""
         self.breaks = []
-        if not self.broken and all_known(numbers):
-            self._unknown = 0
+        dead = count_dead(force, numbers)
+        self.dead += dead
+        self.samples += len(numbers)
+        if not self.broken and not dead and all_known(numbers):
+            self._unknown = self._zeros = 0
             return
-        for row, means in enumerate(finite(numbers).tolist()):
-            self._unknown = 0 if means else self._unknown + 1
-            if self.broken == means and (means or self._unknown >= _UNKNOWN_SAMPLES):
+        zeros = ((numbers == 0.0).all(axis=1) & (force == 0.0).all(axis=1)).tolist()
+        for row, is_number in enumerate(finite(numbers).tolist()):
+            self._unknown = 0 if is_number else self._unknown + 1
+            self._zeros = self._zeros + 1 if zeros[row] else 0
+            means = is_number and not zeros[row]
+            lost = self._unknown >= _UNKNOWN_SAMPLES or self._zeros >= _ZERO_SAMPLES
+            if self.broken == means and (means or lost):
                 self.broken = not means
                 self.breaks.append(Break(int(frame_index[row]), int(t_us[row]), self.broken))
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether nearly all that came were zeros."""
+        return self.dead > 0 and self.dead >= _MOSTLY * self.samples
 
 
 class Numbers(TypedDict):
@@ -160,6 +194,11 @@ class Check(ABC):
         """Time in which something could be judged."""
         return int(self._watched["judged_us"][0])
 
+    @property
+    def alive_us(self) -> int:
+        """Time in which its sources were there."""
+        return int(self._watched["alive_us"][0])
+
     @abstractmethod
     def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Judge what one batch brought: each sample is given to the alarms that it may raise."""
@@ -189,7 +228,7 @@ class Check(ABC):
 
     def numbers(self) -> Numbers:
         """The report's numbers, in the check's unit."""
-        residual, alive_us = self.distribution(self.residual), int(self._watched["alive_us"][0])
+        residual, alive_us = self.distribution(self.residual), self.alive_us
         return {
             "coverage": min(self.judged_us / alive_us, 1.0) if alive_us > 0 else None,
             "pairs": self.judged,
@@ -218,6 +257,7 @@ class Check(ABC):
         *,
         id_part: str | None = None,
         unit: str | None = None,
+        not_a_sign_of: str | None = None,
         recurring_window_s: float = 0.0,
         asks_doctor: bool = False,
         onset_lead_s: float = 0.0,
@@ -229,7 +269,7 @@ class Check(ABC):
             id_part=f"{self.name}-{name.replace(' ', '-').lower()}" if id_part is None else id_part,
             severity=severity,
             what=what,
-            not_a_sign_of=self.not_a_sign_of,
+            not_a_sign_of=self.not_a_sign_of if not_a_sign_of is None else not_a_sign_of,
             unit=self.unit if unit is None else unit,
             delays=delays,
             recurring_window_s=recurring_window_s,
@@ -270,14 +310,16 @@ class ImuCheck(Check):
         """Start with no sensor heard."""
         super().__init__()
         self._scale: str | None = None
+        self._source = "the IMU"
         self._usable = Usable()
 
     def _follow_scale(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Take in what the sensor's numbers mean, and let the alarms know where that changes."""
         self._usable.breaks = []
         if batch.imu is not None:
-            self._scale = batch.imu.scale
-            self._usable.follow(getattr(batch.imu, self.judges), batch.imu.t_boot_us, batch.imu.frame_index)
+            imu = batch.imu
+            self._scale, self._source = imu.scale, imu.source
+            self._usable.follow(getattr(imu, self.judges), imu.f_b_m_s2, imu.t_boot_us, imu.frame_index)
         if self._usable.breaks:
             signals = [(one.frame_index, Signal.BROKEN if one.broken else Signal.FOUND) for one in self._usable.breaks]
             for place in self._places(ballot):
@@ -286,7 +328,12 @@ class ImuCheck(Check):
     @property
     def broken(self) -> str | None:
         """Why the sensor's numbers mean nothing."""
-        return self._scale if self._usable.broken else None
+        return (self._sends_zeros or self._scale) if self._usable.broken else None
+
+    @property
+    def _sends_zeros(self) -> str | None:
+        """That there is no sensor behind the numbers."""
+        return f"the IMU sends zeros ({self._source}): no sensor measures that" if self._usable.is_dead else None
 
     def breaks(self) -> list[Break]:
         """Where the sensor's numbers lost or got their meaning."""
@@ -295,4 +342,5 @@ class ImuCheck(Check):
     @property
     def remark(self) -> str | None:
         """The unit that was taken for the numbers, where none is defined."""
-        return self._scale if self._scale is not None and self._scale.startswith("assumed") else None
+        assumed = self._scale is not None and self._scale.startswith("assumed") and not self._usable.is_dead
+        return self._scale if assumed else None

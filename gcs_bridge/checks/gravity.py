@@ -21,12 +21,16 @@ from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.windows import Sliding, SlidingSums, slide_in
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
 from gcs_bridge.jit import helper, kernel
+from gcs_bridge.pairing.seen import rates_of
 from gcs_bridge.settings import AlarmSettings, GravitySettings
 from gcs_bridge.telemetry.statements import held_at
 
 _STATE = np.dtype(
     [
         ("loud_us", "i8"),  # when the vehicle turned fast last, −1: never
+        ("last_us", "i8"),
+        ("swing_rad", "f8"),  # how far the attitude turned of late from one to the next, as its rates allow for
+        ("fast_rad_s", "f8"),  # the largest of these rates
         # Of the settings.
         ("window_us", "f8"),
         ("below_rad_s", "f8"),
@@ -96,7 +100,10 @@ class Gravity(ImuCheck):
                 seen.t_boot_us,
                 seen.f_b_m_s2,
                 seen.w_b_rad_s,
+                seen.w0_b_rad_s,
                 seen.w1_b_rad_s,
+                seen.turn_b_rad,
+                seen.gap_s,
                 seen.trim_b_rad,
                 seen.may_rest,
                 seen.q_nb,
@@ -106,6 +113,8 @@ class Gravity(ImuCheck):
         """Why nothing was judged."""
         if self._scale is None:
             return "no message with an accelerometer was received"
+        if self._sends_zeros is not None:
+            return self._sends_zeros
         if self._held["samples"][0]:
             return f"{self._open_trim}: ask for the parameters"
         return "the vehicle was never known to be at rest for 3 s while its attitude came"
@@ -142,7 +151,10 @@ def rate_downs(
     t_us: Int64s,
     f_b: FloatRows,
     w_b: FloatRows,
+    w0_b: FloatRows,
     w1_b: FloatRows,
+    turn_b: FloatRows,
+    gap_s: Floats,
     trim_b: FloatRows,
     may_rest: Mask,
     q_nb: FloatRows,
@@ -154,6 +166,8 @@ def rate_downs(
             continue
         force, rates = vector_at(f_b, i), vector_at(w_b, i) if is_known(w_b[i]) else vector_at(w1_b, i)
         q, norm2 = _before_trim(q_nb, trim_b, i)
+        rate = max(length(_rates_at(w0_b, i)), length(_rates_at(w1_b, i)))
+        swing = _may_have_swung(state, t_us[i], length(vector_at(turn_b, i)), rate, gap_s[i])
         down, resting = down_of(q, norm2), is_at_rest(rests[0], t_us[i] * 1e-6, force, rates, may_rest[i])
         angle = tilt_felt(q, norm2, force) if resting else np.nan
         if limits[0] < angle <= _MOST_TRIM_RAD and _is_open(ardupilot, trim_open, frame_index[i]):
@@ -172,8 +186,29 @@ def rate_downs(
         for k in range(3):
             value, own, felt = (mean_angle, mean_down, mean_force) if k == _GROSS else (angle, down, force)
             if np.isfinite(value):
-                detail = _tilting(own, felt, value) if value > limits[k] else NO_DETAIL
-                vote(votes, places[k], frame_index[i], t_us[i], value, limits[k], detail)
+                limit = limits[k] if k == _GROSS else limits[k] + swing
+                detail = _tilting(own, felt, value) if value > limit else NO_DETAIL
+                vote(votes, places[k], frame_index[i], t_us[i], value, limit, detail)
+
+
+@helper
+def _may_have_swung(state, t_us, turn_rad, rate, gap_s):  # type: ignore[no-untyped-def]  # typed by numba
+    """How far the attitude may be, between two samples, from what lies between them: as far as it turned of late.
+
+    A swing as fast as the samples may look like rest to a sensor that is read at its ends; its rates show it. A leap
+    that they do not know is none.
+    """
+    gaps = (t_us - state.last_us) * 1e-6 / max(gap_s, 1e-3)
+    state.last_us = max(state.last_us, t_us)
+    fades = 0.5 ** (0.2 * max(gaps, 0.0))  # to half within five of them
+    state.fast_rad_s = max(rate, state.fast_rad_s * fades)
+    state.swing_rad = max(min(turn_rad, state.fast_rad_s * gap_s), state.swing_rad * fades)
+    return state.swing_rad
+
+
+@helper
+def _rates_at(w, i):  # type: ignore[no-untyped-def]  # typed by numba
+    return rates_of(w[i, 0], w[i, 1], w[i, 2])
 
 
 @helper

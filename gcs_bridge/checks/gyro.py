@@ -17,7 +17,7 @@ import numpy as np
 
 from gcs_bridge.alarms.votes import Ballot, Votes, vote
 from gcs_bridge.attitude.quaternion import length
-from gcs_bridge.checks.base import ImuCheck, Watched, is_known, row_at, watch
+from gcs_bridge.checks.base import ImuCheck, Watched, is_dead, is_known, row_at, watch
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.windows import PEAK, TOO_SLOW, follow_swing, new_swing, new_turning, told_by_rates, too_slow_for
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Records
@@ -30,8 +30,8 @@ _LEAST_CHANGE_RAD_S2 = math.radians(20.0)  # on average, before a lag can be tol
 _LONGEST_LAG_S = 0.1
 _LONGEST_STEP_S = 2.0  # a sample behind a longer gap tells no more of the bias than one of these
 _UNSEEN = 2.5  # times what neither account explains: by so much gyro and rates may differ in a swing (a sine: 2.3)
-# Where both miss the turn alike, as its stamps make them, the factor is smaller: it is learned from time to time, but not
-# from what lies to one side, as a fault does. What it rests on as long as little is known, rad²/s:
+# Where both miss the turn alike, as its stamps make them, the factor is smaller: it is learned from time to time, but
+# not from what lies to one side, as a fault does. What it rests on as long as little is known, rad²/s:
 _FEW_MISSED = math.radians(2.0) ** 2
 _LEARNED_US, _REMEMBERED_S, _ONE_SIDED = 2_000_000, 20.0, 0.8
 _SUDDEN = 3.0  # times as much as usual: of that nothing is learned yet
@@ -46,6 +46,9 @@ _STATE = np.dtype(
         ("learned_s", "f8"),  # for how long the bias was followed, less where little could be told of it
         ("bias_rad_s", "f8", (3,)),
         ("lag_s", "f8"),  # of the clocks
+        # At the end of the last gap: the rates, and half of what they changed by in it.
+        ("last_rate_rad_s", "f8", (3,)),
+        ("last_change_rad_s", "f8", (3,)),
         # Sums over the last time: of the difference squared, of what neither account of a turn explains squared, s.
         ("differed", "f8"),
         ("missed", "f8"),
@@ -123,6 +126,7 @@ class Gyro(ImuCheck):
                 self._swings,
                 seen.frame_index,
                 seen.t_boot_us,
+                seen.f_b_m_s2,
                 seen.w_b_rad_s,
                 seen.w0_b_rad_s,
                 seen.w1_b_rad_s,
@@ -135,6 +139,8 @@ class Gyro(ImuCheck):
         """Why nothing was judged."""
         if self._scale is None:
             return "no message with a gyro was received"
+        if self._sends_zeros is not None:
+            return self._sends_zeros
         untold = self._untold[0]
         if untold["beyond"]:
             return f"the rates of the attitude are beyond any gyro, above {math.degrees(BEYOND_GYROS_RAD_S):.0f} °/s"
@@ -167,6 +173,7 @@ def rate_gyro(
     swings: tuple[Floats, Floats],
     frame_index: Int64s,
     t_us: Int64s,
+    f: FloatRows,
     w: FloatRows,
     w0: FloatRows,
     w1: FloatRows,
@@ -176,13 +183,13 @@ def rate_gyro(
 ) -> None:
     """Rate a gyro's samples `w` (n, 3), each at its place (n,) between two rates of the attitude, rad/s.
 
-    `turn` (n, 3) is how far the attitude turned from the one to the other.
+    `turn` (n, 3) is how far the attitude turned from the one to the other, `f` (n, 3) the specific force, m/s².
     """
     state = states[0]
     for i in range(t_us.size):
         own, start, end = row_at(w, i), row_at(w0, i), row_at(w1, i)
         speed0, speed1 = length(start), length(end)
-        if not is_known(own) or not (speed0 > 0 and speed1 > 0):
+        if not is_known(own) or is_dead(f[i], own) or not (speed0 > 0 and speed1 > 0):
             continue
         told = told_by_rates(turning, speed0, speed1, gap_s[i])
         # Beyond what gyros can measure, and where the int16 of the wire starts anew (32.767 rad/s), they tell nothing.
@@ -246,7 +253,12 @@ def _unseen(state, swings, t_us, start, end, turn, difference, gap_s, step_s):  
         mean = 0.5 * (start[axis] + end[axis])
         rate, change = turn[axis] / gap_s, 0.5 * (end[axis] - start[axis])
         off = difference[axis] - state.bias_rad_s[axis] - state.lag_s * 2.0 * change / gap_s
-        of_rates += (rate - mean) ** 2 + change * change
+        # Between two gaps a rate that is sampled often enough changes alike; else that the mean is right is chance.
+        if state.last_rate_rad_s[axis] == start[axis]:
+            of_rates += (0.5 * (change - state.last_change_rad_s[axis])) ** 2
+        if state.last_rate_rad_s[axis] != end[axis]:  # else it is the same gap again
+            state.last_rate_rad_s[axis], state.last_change_rad_s[axis] = end[axis], change
+        of_rates += (rate - mean) ** 2
         of_gyro += (rate - mean - off) ** 2
         turned += rate * rate
         differs += off * off

@@ -1,7 +1,8 @@
 """The compass against the attitude's heading, once their constant difference is known: information, never an alarm.
 
 The difference is declination, mounting and hard iron together; currents and steel shift it by tens of degrees on
-healthy aircraft.
+healthy aircraft. While banked a little tilt turns a compass far: there twice as much is allowed. A heading that never
+agreed with the compass is of another kind, as a GPS yaw is, and then neither tells anything of the other.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from gcs_bridge.jit import helper, kernel
 from gcs_bridge.pairing.seen import rates_of
 from gcs_bridge.settings import MagHeadingSettings
 
+_HINT = 0.05  # of the samples
 _LEAST_GAUSS = 0.01  # the earth's field is 0.2 to 0.7: what reads less is no compass
 
 
@@ -35,6 +37,9 @@ _STATE = np.dtype(
         ("skipped_us", "f8"),
         ("quiet_below_rad_s", "f8"),
         ("quiet_down", "f8"),  # the cosine of the bank
+        ("level_down", "f8"),
+        ("most_rad", "f8"),
+        ("banked_times", "f8"),
     ]
 )
 
@@ -50,6 +55,7 @@ class MagHeading(Check):
         """Start with nothing judged; no alarm: a compass alone never decides."""
         super().__init__()
         self._settings = settings
+        self._off = np.zeros(1, np.int64)
         self._start()
 
     def start_boot(self) -> None:
@@ -65,6 +71,8 @@ class MagHeading(Check):
             settings.quiet_below_rad_s,
             np.cos(settings.quiet_bank_rad),
         )
+        self._state["level_down"], self._state["most_rad"] = np.cos(settings.level_bank_rad), settings.information_rad
+        self._state["banked_times"] = settings.banked_times
 
     def judge(self, batch: CheckBatch, _ballot: Ballot) -> None:
         """Follow the difference; nothing is rated."""
@@ -73,35 +81,47 @@ class MagHeading(Check):
             follow_difference(
                 self._watching(n),
                 self._state,
+                self._off,
                 seen.t_boot_us,
                 seen.m_b_gauss,
                 seen.q_nb,
                 seen.w1_b_rad_s,
             )
 
+    @property
+    def tells(self) -> bool:
+        """Whether compass and heading agreed more often than not."""
+        return 2 * self._off.item(0) <= self.judged
+
     def why_not(self) -> str:
         """Why nothing was judged."""
+        if not self.tells:
+            return "the compass and the heading never agreed for long: they are of different kinds"
         return "too little of a magnetic field of known unit was received while the vehicle flew calmly"
 
     @property
     def remark(self) -> str | None:
         """That the difference grew large: a hint, and no more."""
-        off = self.residual.quantile(0.95)
-        if off > self._settings.information_rad:
-            return f"in a twentieth of it the compass was off by more than {math.degrees(off):.0f}°: a hint, no alarm"
-        return None
+        if not self.tells or self._off.item(0) <= _HINT * self.judged:
+            return None
+        off = math.degrees(self.residual.quantile(0.95))
+        return f"in a twentieth of it the compass was off by more than {off:.0f}°: a hint, no alarm"
 
 
 @kernel
 def follow_difference(
     watched: Watched,
     states: Annotated[Records, _STATE],
+    often_off: Int64s,
     t_us: Int64s,
     field_b: FloatRows,
     q_nb: FloatRows,
     w: FloatRows,
 ) -> None:
-    """Follow the compass's difference at samples (n,) with their attitude; `w` (n, 3) are its rates."""
+    """Follow the compass's difference at samples (n,) with their attitude; `w` (n, 3) are its rates.
+
+    `often_off` (1,) counts what is off by more than is usual.
+    """
     state = states[0]
     for i in range(t_us.size):
         field = vector_at(field_b, i)
@@ -118,6 +138,8 @@ def follow_difference(
         cross, along = state.north * east - state.east * north, state.north * north + state.east * east
         off = abs(np.arctan2(cross, along)) if judged else 0.0
         state.north, state.east = state.north + north, state.east + east
+        most = state.most_rad if down_of(q, norm2)[2] >= state.level_down else state.banked_times * state.most_rad
+        often_off[0] += judged and off > most
         watch(watched, t_us[i], off, judged)
 
 

@@ -1,7 +1,10 @@
 """AHRS2, the autopilot's second estimate, against the first: independent enough to show an estimator that is wrong.
 
 The two differ widely in healthy flight (38 deg in acro), so the fine limits hold in quiet flight only, and a gross one
-at any time. A second estimate that never agreed (without a compass its yaw does not) is a remark, and no alarm.
+at any time. That of the heading is wider while banked, as in certified comparators: there a little tilt turns it far.
+
+A second estimate that never agreed in heading has one of another kind, or no compass: a remark, and not judged. One
+that never agreed in tilt sees another down from the start: a warning, once, as both see gravity.
 """
 
 from __future__ import annotations
@@ -38,6 +41,8 @@ from gcs_bridge.settings import AlarmSettings, AlignmentSettings, SecondaryEstim
 _STAMP_BOUND_S = 0.001  # stamps are whole milliseconds
 _PARTS = ("tilt", "heading")
 _SEVERITIES: tuple[Severity, ...] = ("warning", "alarm")
+_TILT, _HEADING = range(2)
+_NEVER = 6  # place of the warning that they never agreed in tilt
 _QUIET = ATTITUDE_WIDTH  # the column of an attitude behind its own: µs in which the vehicle was quiet
 _GAP = 4  # the column of a question behind its quaternion: the gap in which its time lies, µs
 
@@ -54,6 +59,8 @@ _STATE = np.dtype(
         ("quiet_us", "f8"),
         ("quiet_below_rad_s", "f8"),
         ("quiet_down", "f8"),  # the cosine of the bank
+        ("level_down", "f8"),
+        ("banked_times", "f8"),
         ("skipped_us", "f8"),
         ("agreed_rad", "f8"),
         ("agreed_us", "f8"),
@@ -92,7 +99,13 @@ class SecondaryEstimate(Check):
             )
             for part in _PARTS
         ]
-        self.alarm_specs = *fine, *wholly
+        never = self._alarm_spec(
+            "tilt never",
+            "warning",
+            "the second estimate (AHRS2) never agreed in tilt",
+            msgspec.structs.replace(delays, on_delay_s=settings.agreed_s, repeat_s=0.0),
+        )
+        self.alarm_specs = *fine, *wholly, never
         self._limits = (
             settings.tilt_warning_rad,
             settings.tilt_alarm_rad,
@@ -115,6 +128,7 @@ class SecondaryEstimate(Check):
         state = self._states[0]
         state["quiet_us"], state["quiet_below_rad_s"] = settings.quiet_s * 1e6, settings.quiet_below_rad_s
         state["quiet_down"], state["skipped_us"] = np.cos(settings.quiet_bank_rad), settings.skipped_s * 1e6
+        state["level_down"], state["banked_times"] = np.cos(settings.level_bank_rad), settings.banked_times
         state["agreed_rad"], state["agreed_us"] = settings.agreed_rad, settings.agreed_s * 1e6
 
     def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
@@ -131,7 +145,7 @@ class SecondaryEstimate(Check):
         self._waiting = self._waiting.with_room(len(second))
         answers = self._waiting.n + len(second)
         compare_estimates(
-            ballot.votes(6 * answers),
+            ballot.votes(7 * answers),
             self._watching(answers),
             self._places(ballot),
             self._limits,
@@ -149,24 +163,22 @@ class SecondaryEstimate(Check):
         """Why nothing was judged."""
         if not self._came:
             return "AHRS2 was never received"
+        if self.judged and not self.tells:
+            return "the two estimates never agreed in tilt"
         settings = self._settings
         return f"AHRS2 never came in {settings.quiet_s:g} s of quiet flight, {settings.skipped_s:g} s behind its first"
 
     @property
     def tells(self) -> bool:
-        """Whether the two estimates ever agreed in anything."""
-        return len(self.never_agreed) < len(self._never)
-
-    @property
-    def never_agreed(self) -> list[str]:
-        """The parts in which the two estimates never agreed."""
-        return [part for part, never in self._never.items() if never]
+        """Whether the two estimates ever agreed in tilt: both see gravity, and one down."""
+        return not self._never["tilt"]
 
     @property
     def remark(self) -> str | None:
-        """That the estimates never agreed: then nothing can be told of the first by the second."""
-        never = self.never_agreed
-        return f"the two estimates never agreed in {' and '.join(never)}: that is not judged" if never else None
+        """That the headings never agreed: then they are of different kinds, and nothing can be told by them."""
+        if not self._came or not self.tells or not self._never["heading"]:
+            return None
+        return "the two estimates never agreed in heading: that is not judged"
 
 
 @kernel
@@ -218,7 +230,7 @@ def _follow_quiet(state, series, frame_index, t_us, rows, i):  # type: ignore[no
     if not state.attitudes:
         state.unquiet_us = t_us[i]
     state.attitudes += 1
-    slow = length((rows[i, 4], rows[i, 5], rows[i, 6])) < state.quiet_below_rad_s
+    slow = length(rates_at(rows, i)) < state.quiet_below_rad_s
     q, norm2 = ray_at(rows, i)
     if not slow or not down_of(q, norm2)[2] > state.quiet_down:
         state.unquiet_us = max(state.unquiet_us, t_us[i])
@@ -247,6 +259,7 @@ def _compare(state, series, before, behind, waiting, question, frame_index, plac
     bound = (0.5 * waiting.rows[question, _GAP] * 1e-6 + _STAMP_BOUND_S) * length(rates_at(series.rows, behind & last))
     quiet = series.rows[behind & last, _QUIET] >= state.quiet_us
     judged = quiet and t_us - state.first_us >= state.skipped_us
+    banked = down_of(one, one[0] * one[0] + one[1] * one[1] + one[2] * one[2] + one[3] * one[3])[2] < state.level_down
     tilt, heading = tilt_heading_of(product(two, conjugated(one)))
     watch(watched, t_us, tilt, judged)
     angles = tilt, abs(heading)
@@ -257,7 +270,13 @@ def _compare(state, series, before, behind, waiting, question, frame_index, plac
     for a in range(6):
         fine = a < 4
         part = a // 2 if fine else a - 4
-        angle, limit = angles[part], limits[a] + bound
+        wider = state.banked_times if fine and part == _HEADING and banked else 1.0
+        angle, limit = angles[part], wider * limits[a] + bound
         if state.agreed[part] and (judged or not fine) and np.isfinite(angle):
             detail = (tilt, heading, *logarithm(product(conjugated(one), two))) if angle > limit else NO_DETAIL
             vote(votes, places[a], frame_index, t_us, angle, limit, detail)
+    if judged:
+        never = 0.0 if state.agreed[_TILT] else tilt
+        vote(
+            votes, places[_NEVER], frame_index, t_us, never, limits[0] + bound, (tilt, heading, np.nan, np.nan, np.nan)
+        )

@@ -80,8 +80,8 @@ def told_by_rates(turning, speed0, speed1, gap_s):  # type: ignore[no-untyped-de
 def follow_swing(swing, missed, dt_s, gap_s):  # type: ignore[no-untyped-def]  # typed by numba
     """Take how far one account of the turn across a gap `missed` it, rad/s, and return by how much it may miss now.
 
-    In the mean square over the last gaps, and over so long a time as a slow beat of the motion with the samples may hide
-    it. `swing`: of `new_swing`.
+    In the mean square over the last gaps, and over so long a time as a slow beat of the motion with the samples may
+    hide it. `swing`: of `new_swing`.
     """
     squared = missed * missed
     swing[0] += (1.0 - 0.5 ** (dt_s / (_FADES_GAPS * max(gap_s, 1e-3)))) * (squared - swing[0])

@@ -16,7 +16,7 @@ from gcs_bridge.columns import Floats, Int64s
 from gcs_bridge.judging.alarm_windows import AlarmWindow, Said
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.telemetry.samples import AttitudeSamples
-from gcs_bridge.telemetry.statements import LandedSet, ModeSet, ParameterSet, TextSaid
+from gcs_bridge.telemetry.statements import LandedSet, ModeSet, ParameterSet, ReadySet, TextSaid
 
 __all__ = ["tables_of", "utc"]
 
@@ -168,6 +168,8 @@ def _words(said: Said) -> tuple[str, str]:
             return "EXTENDED_SYS_STATE", {True: "on the ground", False: "in the air", None: "unknown"}[landed]
         case ParameterSet() as parameter:
             return "PARAM_VALUE", f"{parameter.name} = {parameter.value:g}"
+        case ReadySet() as said_of:
+            return said_of.source, f"the attitude is {'ready' if said_of.ready else 'not ready'}"
         case flags:
             return flags.what, f"{flags.before} -> {flags.value}"
 

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.checks.base import Check
 from gcs_bridge.events import utc
 from gcs_bridge.judging.diagnosis_cases import DiagnosisCases
 from gcs_bridge.judging.estimator_resets import Resets
+from gcs_bridge.judging.start_up import StartUp
 from gcs_bridge.pairing.pairs import Aligner
 from gcs_bridge.pairing.references import PrimaryImu, References
 from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
+from gcs_bridge.telemetry.statements import Statement
 from gcs_bridge.telemetry.stream_liveness import Liveness
 
 
 class Boot:
     """What is followed within one boot of the vehicle."""
 
-    def __init__(self, index: int, frame_index: int, t_boot_us: int, t_rx_us: int, settings: Settings) -> None:
-        """Start with the boot's first message: the frame and its times; boot time −1: not told yet."""
+    def __init__(
+        self, index: int, frame_index: int, t_boot_us: int, t_rx_us: int, said: Iterable[Statement], settings: Settings
+    ) -> None:
+        """Start with the boot's first message: the frame and its times; boot time −1: not told yet.
+
+        `said`: statements that held before.
+        """
         self.index = index
         self.frame_index = frame_index
         self.first_us = self.last_us = -1
@@ -33,6 +42,8 @@ class Boot:
         self.references = References(settings.alignment)
         self.alive = [False, False]  # the two streams
         self.no_compare_told = False
+        self.start_up = StartUp(t_boot_us, said)
+        self.is_starting = False
 
     def begin_clock(self, t_boot_us: int, t_rx_us: int) -> None:
         """Take the first time that was told within it."""
@@ -41,7 +52,9 @@ class Boot:
             self.start_rx_us = t_rx_us - t_boot_us if t_rx_us >= 0 else -1
 
     def has_sources(self, check: Check) -> bool:
-        """Whether the streams come that a check needs."""
+        """Whether the streams come that a check needs, of an attitude that is ready."""
+        if self.is_starting and check.compares:
+            return False
         return {"both": all(self.alive), "quaternion": self.alive[1], "any": any(self.alive), "nothing": True}[
             check.needs
         ]

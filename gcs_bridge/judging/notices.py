@@ -30,6 +30,7 @@ from gcs_bridge.events import (
 )
 from gcs_bridge.judging.boot import Boot
 from gcs_bridge.judging.estimator_resets import Reset
+from gcs_bridge.judging.start_up import StartUpChange
 from gcs_bridge.report import schema
 from gcs_bridge.telemetry.clocks import ClockChange
 from gcs_bridge.telemetry.identity import VehicleId
@@ -111,12 +112,28 @@ def reset_entry(event: Event) -> schema.EstimatorReset:
 
 
 def stream_changes(
-    vehicle: VehicleId, boot: Boot, checks: Sequence[Check], changes: Iterable[StreamChange], link: LinkClock
+    vehicle: VehicleId,
+    boot: Boot,
+    checks: Sequence[Check],
+    changes: Iterable[StreamChange],
+    link: LinkClock,
+    start_ups: Iterable[StartUpChange] = (),
 ) -> tuple[list[Notice], list[SignalAt]]:
-    """What the streams did, which comparisons that ends or brings back, and what the alarms are to know of it."""
+    """What the streams did, which comparisons that ends or brings back, and what the alarms are to know of it.
+
+    So does start-up, while which the attitude means nothing yet.
+    """
     notices, signals = [], []
     name = EulerQuaternion.name
-    for change in changes:
+    every: Iterable[StreamChange | StartUpChange] = changes
+    if start_ups:
+        every = sorted([*start_ups, *changes], key=lambda change: change.frame_index)
+    for change in every:
+        if isinstance(change, StartUpChange):
+            told, sources = _start_up_change(vehicle, boot, checks, change, link)
+            notices += told
+            signals += sources
+            continue
         t_rx_us = link.at(change.frame_index)
         where = (vehicle, boot.index, change.t_boot_us, t_rx_us - change.ago_us if t_rx_us >= 0 else t_rx_us)
         stream = STREAMS[change.stream]
@@ -136,10 +153,32 @@ def stream_changes(
             boot.no_compare_told = True
             event = NoCompare(**head(*where, check=name), reason=_WHY_NOT[change.what].format(stream=stream))
             notices.append(Notice(change.frame_index, event))
-        elif boot.no_compare_told and all(boot.alive):
+        elif boot.no_compare_told and all(boot.alive) and not boot.is_starting:
             boot.no_compare_told = False
             notices.append(Notice(change.frame_index, CompareResumed(**head(*where, check=name))))
     return notices, signals
+
+
+def _start_up_change(
+    vehicle: VehicleId, boot: Boot, checks: Sequence[Check], change: StartUpChange, link: LinkClock
+) -> tuple[list[Notice], list[SignalAt]]:
+    """Start-up begins or ends: the same of that."""
+    where = head(vehicle, boot.index, change.t_boot_us, link.at(change.frame_index), EulerQuaternion.name)
+    had = {check.name for check in checks if boot.has_sources(check)}
+    boot.is_starting = change.starting
+    signals = [
+        SignalAt(frame_index=change.frame_index, check=check.name, signal=Signal.FOUND if has else Signal.LOST)
+        for check in checks
+        if (has := boot.has_sources(check)) != (check.name in had)
+    ]
+    event: NoCompare | CompareResumed | None = None
+    if change.starting and not boot.no_compare_told:
+        boot.no_compare_told = True
+        event = NoCompare(**where, reason=f"start-up: {change.source} says that the attitude is not ready")
+    elif not change.starting and boot.no_compare_told and all(boot.alive):
+        boot.no_compare_told = False
+        event = CompareResumed(**where)
+    return [Notice(change.frame_index, event)] if event is not None else [], signals
 
 
 def breaks(vehicle: VehicleId, boot: int, checks: Sequence[Check], link: LinkClock) -> Iterator[Notice]:

@@ -37,6 +37,7 @@ from gcs_bridge.judging.notices import (
 )
 from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.snapshot import AlarmNow, CheckNow, VehicleNow, attitude_now, last_of
+from gcs_bridge.judging.start_up import StartUpChange
 from gcs_bridge.judging.verdicts import Verdicts
 from gcs_bridge.pairing.references import VehicleImu
 from gcs_bridge.report import schema
@@ -50,7 +51,7 @@ from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.rate_requests import RateRequest, RateWishes
 from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples, ImuSamples
 from gcs_bridge.telemetry.senders import SenderSign
-from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, Statement, StepSignal
+from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, ReadySet, Statement, StepSignal
 from gcs_bridge.telemetry.stillness import Stillness
 from gcs_bridge.telemetry.stream_counts import StreamCount
 from gcs_bridge.telemetry.stream_liveness import OTHER, Timeline
@@ -83,6 +84,7 @@ class VehicleJudge:
         self._news: list[Statement] = []  # that came behind the last message with a time
         self._signs: list[SenderSign] = []  # the same
         self._statements = Statements()
+        self._said: dict[str, Statement] = {}  # whether it is ready, by the message that says so, and its mode
         self._stillness = Stillness(settings.gravity)
         self._trims = TrimsInForce()
         self._fixed_wing, self._ardupilot, self._may_be_trim = StepSignal(), StepSignal(), StepSignal(0.0)
@@ -291,6 +293,11 @@ class VehicleJudge:
         self._latest = [new if len(new) else old for new, old in zip((sent, quaternion), self._latest, strict=True)]
         until = int(segment.frame_index[-1]) if len(segment.frame_index) else -1
         told = [say for say in self._news if say.frame_index <= until]
+        for say in told:
+            if isinstance(say, ReadySet):
+                self._said[say.source] = say
+            elif isinstance(say, ModeSet):
+                self._said["mode"] = say
         self._news = [say for say in self._news if say.frame_index > until]
         self._expected.told(say for say in told if isinstance(say, ParameterSet | ModeSet))
         chosen = _inertial(boot, batch)
@@ -318,7 +325,8 @@ class VehicleJudge:
             received=segment.received,
         )
         turns = list(boot.liveness.take(line, link)) if len(segment.message) else []
-        notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link)
+        was_starting, start_ups = boot.is_starting, boot.start_up.take(told, segment)
+        notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link, start_ups)
         yield from notices
 
         flight = CheckBatch(
@@ -349,11 +357,15 @@ class VehicleJudge:
                 self._resets.append(reset_entry(notice.event))
             yield notice
         self.alarm_manager.begin(signals, link)
-        for check in self._checks:
-            check.judge(flight, self.alarm_manager.ballot)
+        if was_starting or start_ups:
+            self._verdicts.started_up(boot.index, boot.last_us, start_ups)
+            yield from self._judge_what_is_ready(boot, flight, was_starting, start_ups, link)
+        else:
+            for check in self._checks:
+                check.judge(flight, self.alarm_manager.ballot)
+            yield from breaks(self.vehicle, boot.index, self._checks, link)
         if self._signs and len(segment.frame_index):
             self._rate_senders(segment)
-        yield from breaks(self.vehicle, boot.index, self._checks, link)
         found = self._euler_quaternion.found
         assert found is not None
         boot.diagnosis_cases.keep(
@@ -390,6 +402,20 @@ class VehicleJudge:
         rows = np.searchsorted(segment.frame_index, [sign.frame_index for sign in told])
         self._stream_check.senders(told, segment.frame_index[rows], segment.t_boot_us[rows], self.alarm_manager.ballot)
 
+    def _judge_what_is_ready(
+        self, boot: Boot, flight: CheckBatch, was_starting: bool, start_ups: list[StartUpChange], link: LinkClock
+    ) -> Iterator[Notice]:
+        """Judge a batch in some of which the attitude is not ready: that is left out where an attitude is compared."""
+        begins: list[tuple[int, bool]] = [(0, was_starting)]
+        begins += [(change.frame_index, change.starting) for change in start_ups]
+        ends = [frame_index for frame_index, _ in begins[1:]] + [np.iinfo(np.int64).max]
+        ready = [flight.frames(first, end) for (first, starting), end in zip(begins, ends, strict=True) if not starting]
+        for check in self._checks:
+            waits = check.compares and check is not self._euler_quaternion  # its alarms alone wait
+            for part in (ready or [flight.frames(0, 0)]) if waits else [flight]:
+                check.judge(part, self.alarm_manager.ballot)
+                yield from breaks(self.vehicle, boot.index, [check], link)
+
     def _ask(self, boot: Boot, moment: AlarmTransition, link: LinkClock) -> Iterator[Notice]:
         """Ask the doctor about an alarm that is raised, or goes."""
         if not moment.spec.asks_doctor:
@@ -424,7 +450,7 @@ class VehicleJudge:
     def _start_boot(self, index: int, first: tuple[int, int, int]) -> Boot:
         """Begin a boot with the frame and times of what shows it first."""
         before = self._boot
-        boot = Boot(index, *first, self._settings)
+        boot = Boot(index, *first, self._said.values(), self._settings)
         if before is not None:
             self._boots.append(before.entry())
             self._both_alive_us += before.liveness.both_alive_us

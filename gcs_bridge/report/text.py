@@ -24,6 +24,7 @@ __all__ = ["lines"]
 _WIDTH = 100
 _OTHERS = 8  # that the last line names
 _NBSP = "\N{NO-BREAK SPACE}"
+_START_UP = "start-up"
 _COMPARED = ("ATTITUDE", "ATTITUDE_QUATERNION")  # the two sides of euler_quaternion
 
 
@@ -137,6 +138,8 @@ def _findings(check: Check, detail: int) -> str:
             if check.lag_ms is not None:
                 said.append(f"lag {_value(check.lag_ms, 'ms')}")
     reason = [one_line(check.reason)] if check.reason and not quiet else []
+    if quiet and check.reason.startswith(_START_UP):
+        reason = [one_line(check.reason.partition(":")[0])]
     return "; ".join([*map(_whole, said), *reason])
 
 

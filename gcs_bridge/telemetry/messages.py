@@ -20,6 +20,7 @@ STATEMENTS = (
     "EKF_STATUS_REPORT",
     "ESTIMATOR_STATUS",
     "ODOMETRY",
+    "SYS_STATUS",
 )
 # What a vehicle sends of a transfer; parameters, which are read too, have their own kind. Logs that are streamed all
 # through a flight (LOGGING_DATA, REMOTE_LOG_DATA_BLOCK) are none: they would excuse every silence.

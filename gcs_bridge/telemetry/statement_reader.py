@@ -16,11 +16,24 @@ from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
 from gcs_bridge.telemetry.messages import KIND, STATEMENT_KINDS
 from gcs_bridge.telemetry.sorting import Share, SortedFrames
-from gcs_bridge.telemetry.statements import FlagsSet, LandedSet, ModeSet, Statement, TextSaid, parameters, text_of
+from gcs_bridge.telemetry.statements import (
+    FlagsSet,
+    LandedSet,
+    ModeSet,
+    ReadySet,
+    Statement,
+    TextSaid,
+    parameters,
+    text_of,
+)
 
 _ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 _LANDED = {1: True, 2: False, 3: False, 4: False}  # MAV_LANDED_STATE; 0: it does not know
 _FLAGS = {"EKF_STATUS_REPORT": "flags", "ESTIMATOR_STATUS": "flags", "ODOMETRY": "reset_counter"}
+_SENSORS = tuple(f"onboard_control_sensors_{what}" for what in ("present", "enabled", "health"))
+_AHRS = 0x200000  # MAV_SYS_STATUS_AHRS
+_ATTITUDE = 1  # EKF_ATTITUDE and ESTIMATOR_ATTITUDE
+_UNINITIALISED = 1024  # EKF_UNINITIALIZED
 _AUTOPILOTS = {3: "ardupilot"}  # MAV_AUTOPILOT_ARDUPILOTMEGA, as everybody calls it; others by MAVLink's own name
 
 
@@ -64,6 +77,7 @@ class StatementReader:
         self._dialect = dialect
         self._last: dict[str, Bytes] = {}
         self._flags: dict[str, int] = {}
+        self._ready: dict[str, bool] = {}
         self._mode: tuple[int, int, int, bool] | None = None
 
     def read(self, batch: SortedFrames, share: Share, autopilot: str) -> list[Statement]:
@@ -91,7 +105,19 @@ class StatementReader:
                 if self._flags.setdefault(what, value) != value:
                     told.append(FlagsSet(frame_index, what, self._flags[what], value))
                 self._flags[what] = value
+                if name != "ODOMETRY":
+                    told += self._readiness(frame_index, name, bool(value & _ATTITUDE) and not value & _UNINITIALISED)
+        for frame_index, _, status in self._news(batch, share, "SYS_STATUS", _SENSORS[-1]):
+            present, enabled, healthy = (bool(status[field] & _AHRS) for field in _SENSORS)
+            if present and enabled:
+                told += self._readiness(frame_index, "SYS_STATUS", healthy)
         return sorted(told, key=lambda statement: statement.frame_index) if len(told) > 1 else told
+
+    def _readiness(self, frame_index: int, source: str, ready: bool) -> Iterator[ReadySet]:
+        """Whether the attitude is ready, where the source said something else before, or nothing."""
+        if self._ready.get(source) is not ready:
+            self._ready[source] = ready
+            yield ReadySet(frame_index, source, ready)
 
     def _all(self, batch: SortedFrames, share: Share, name: str) -> Iterator[tuple[int, np.void]]:
         """Frame index and fields of each message of this name."""

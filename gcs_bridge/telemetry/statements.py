@@ -60,7 +60,15 @@ class FlagsSet(NamedTuple):
     value: int
 
 
-Statement = ParameterSet | ModeSet | LandedSet | TextSaid | FlagsSet
+class ReadySet(NamedTuple):
+    """The message `source` says now that the attitude is ready, or that it is not."""
+
+    frame_index: int
+    source: str
+    ready: bool
+
+
+Statement = ParameterSet | ModeSet | LandedSet | TextSaid | FlagsSet | ReadySet
 
 
 class StepSignal:

@@ -123,7 +123,7 @@ def breaks(known: Sequence[bool], cuts: Sequence[int] = ()) -> list[tuple[int, b
     for begin, end in pairwise(edges):
         rows = np.arange(begin, end)
         numbers = np.where(np.array(known[begin:end], np.bool_), 1.0, np.nan)[:, None]
-        usable.follow(numbers, rows * 1000, rows)
+        usable.follow(numbers, np.ones((len(rows), 3)), rows * 1000, rows)
         assert all(one.t_boot_us == one.frame_index * 1000 for one in usable.breaks)
         found += [(one.frame_index, one.broken) for one in usable.breaks]
     return found

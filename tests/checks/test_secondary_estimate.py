@@ -98,22 +98,51 @@ def test_the_second_estimate_settles() -> None:
     assert alarms(vehicle)[0]["raised_boot_s"] == pytest.approx(30.0 + 0.4 + 1.0)
 
 
-@pytest.mark.parametrize(
-    ("change", "part"), [(turned_in_world(0, 0, 90), "heading"), (turned_in_body(0, 30, 0), "tilt")]
-)
-def test_estimates_that_never_agreed(change: Change, part: str) -> None:
-    """A second estimate that was off from the start, as one without a compass is, is a remark and no alarm."""
-    vehicle = judged(Craft(second=change, hz=10), 50)
+def test_a_heading_that_never_agreed() -> None:
+    """A second estimate whose heading was off from the start, as one without a compass is: a remark and no alarm."""
+    vehicle = judged(Craft(second=turned_in_world(0, 0, 90), hz=10), 50)
     assert alarms(vehicle) == []
     entry = check(vehicle, "secondary_estimate")
     assert entry["verdict"] == "agree"
-    assert f"never agreed in {part}:" in entry["reason"]
+    assert "never agreed in heading:" in entry["reason"]
 
 
-def test_estimates_that_never_agreed_in_anything() -> None:
-    """Off in tilt and heading from the start, it tells nothing at all."""
-    entry = check(judged(Craft(second=turned_in_body(60, 60, 60), hz=10), 50), "secondary_estimate")
-    assert entry["verdict"] == "no_compare"
+@pytest.mark.parametrize("change", [turned_in_body(0, 6, 0), turned_in_body(0, 30, 0), turned_in_body(60, 60, 60)])
+def test_a_tilt_that_never_agreed(change: Change) -> None:
+    """Both see gravity: another down from the start on is a warning, told once, behind 30 s and ten seconds more."""
+    vehicle = judged(Craft(second=change, hz=10), 90)
+    (warning,) = alarms(vehicle)
+    assert (warning["check"], warning["severity"], warning["repeats"]) == ("secondary_estimate", "warning", 0)
+    assert warning["what"] == "the second estimate (AHRS2) never agreed in tilt"
+    assert warning["raised_boot_s"] == pytest.approx(30.0 + 0.4 + 10.0)
+    assert check(vehicle, "secondary_estimate")["verdict"] == "warning"
+
+
+@pytest.mark.parametrize("change", [turned_in_body(0, 6, 0), turned_in_body(0, 30, 0)])
+def test_too_short_to_say_that_it_never_agreed(change: Change) -> None:
+    """In 35 s it cannot be told that they never do: no warning, and no agreement either."""
+    vehicle = judged(Craft(second=change, hz=10), 35)
+    assert alarms(vehicle) == []
+    entry = check(vehicle, "secondary_estimate")
+    assert (entry["verdict"], entry["reason"]) == ("no_compare", "the two estimates never agreed in tilt")
+
+
+def test_a_tilt_that_agrees_late() -> None:
+    """6° off for a minute and right from then on: the warning goes, two seconds behind ten of agreement."""
+    (warning,) = alarms(judged(Craft(second=between(0, 60, turned_in_body(0, 6, 0)), hz=10), 90))
+    assert warning["cleared_boot_s"] == pytest.approx(60.0 + 2.4, abs=0.3)  # what is within the limit clears it
+
+
+@pytest.mark.parametrize(
+    ("bank", "off", "severity"), [(15, 15, None), (15, 25, "warning"), (15, 41, "alarm"), (8, 15, "warning")]
+)
+def test_the_heading_while_banked(bank: float, off: float, severity: str | None) -> None:
+    """Above 10° of bank the limits of the heading are twice as wide: 20° and 40°."""
+    found = alarms(judged(flown(turned_in_world(0, 0, off), turn=still(rpy(roll=bank))), 50))
+    assert {one["severity"] for one in found} - {severity} == (
+        set() if severity != "alarm" else {"warning"} & {one["severity"] for one in found}
+    )
+    assert bool(found) == (severity is not None)
 
 
 def test_nine_seconds_of_agreement_are_not_enough() -> None:
