@@ -122,7 +122,11 @@ def claimed(name: str) -> Iterator[bool]:
     if sys.platform == "win32" or folder is None:
         yield True
         return
-    file = os.open(folder / "gcs-bridge.lock", os.O_RDWR | os.O_CREAT, 0o600)  # else others could hold it for ever
+    try:
+        file = os.open(folder / "gcs-bridge.lock", os.O_RDWR | os.O_CREAT, 0o600)  # else others could hold it for ever
+    except OSError:
+        yield True
+        return
     try:
         try:
             fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, zlib.crc32(name.encode()))  # a byte each

@@ -7,7 +7,7 @@ check, raises that come thick are grouped) is decided here, in the order of the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, Literal, NamedTuple
@@ -20,7 +20,7 @@ from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.alarms.slot import AlarmSlot
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import PENDING, STANDING, AnnouncementSignal, Change, Signal, State
-from gcs_bridge.alarms.votes import Ballot
+from gcs_bridge.alarms.votes import Ballot, SlotNow
 from gcs_bridge.contract import Diagnosis
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import (
@@ -99,10 +99,9 @@ class AlarmManager:
                 at = _At(frame_index, t_rx_us)
                 yield self._notice(AlarmCleared, slot.record, t_boot_us, at, reason="reboot")
 
-    @property
-    def slots(self) -> Sequence[AlarmSlot]:
-        """Every alarm that there is, severe ones first."""
-        return self._slots
+    def slots_now(self) -> Iterator[tuple[AlarmSlot, SlotNow]]:
+        """Every alarm, and where it is."""
+        return zip(self._slots, self.ballot.now(), strict=True)
 
     def pending(self, check: str) -> bool:
         """Whether an alarm of this check waits for its delay."""

@@ -26,7 +26,7 @@ class AlarmSlot:
         """Start normal, and told; `ballot` is where its samples are counted."""
         self.spec = spec
         self.announcement = Announcement.TOLD
-        self._ballot, self._place = ballot, ballot.place_of(spec)
+        self._ballot, self.place = ballot, ballot.place_of(spec)
         self.start_boot()
 
     def start_boot(self) -> None:
@@ -38,23 +38,13 @@ class AlarmSlot:
         self.numbered = 0  # raises so far that were alarms of their own
 
     @property
-    def ahead(self) -> State:
-        """Where it is by all samples that it was given, told or not."""
-        return self._ballot.state(self._place)
-
-    @property
-    def last_sample(self) -> tuple[int, float, float] | None:
-        """Time, µs, value and limit of the latest; None: none came within the boot."""
-        return self._ballot.last(self._place)
-
-    @property
     def worst(self) -> Worst:
         """The peak of its excursion, by all samples that it was given."""
-        return self._ballot.worst(self._place)
+        return self._ballot.worst(self.place)
 
     def acknowledge(self) -> None:
         """Somebody has seen it."""
-        self.state = self._ballot.take_signal(self._place, Signal.ACKNOWLEDGE)
+        self.state = self._ballot.take_signal(self.place, Signal.ACKNOWLEDGE)
 
     @property
     def is_pending(self) -> bool:

@@ -258,6 +258,16 @@ class AlarmChange(NamedTuple):
     change: Change
 
 
+class SlotNow(NamedTuple):
+    """Where an alarm is, by all samples that it was given, and the last of them: time, value and limit."""
+
+    state: State
+    samples: int  # lately; 0: none came within the boot
+    t_boot_us: int
+    value: float
+    limit: float
+
+
 class Ballot:
     """The alarms of one vehicle within one boot, by the place of their specs."""
 
@@ -372,10 +382,11 @@ class Ballot:
         alarm = self._votes.alarm[place]
         return Worst(float(alarm["worst"]), alarm["worst_detail"].copy())
 
-    def last(self, place: int) -> tuple[int, float, float] | None:
-        """Time, µs, value and limit of the alarm's last sample; None: none came within the boot."""
-        alarm = self._votes.alarm[place]
-        return (int(alarm["t_us"]), float(alarm["value"]), float(alarm["limit"])) if alarm["samples"] else None
+    def now(self) -> list[SlotNow]:
+        """Where each alarm is, in the order of their places."""
+        alarm = self._votes.alarm
+        columns = (alarm[name].tolist() for name in ("state", "samples", "t_us", "value", "limit"))
+        return [SlotNow(_STATES[state], *numbers) for state, *numbers in zip(*columns, strict=True)]
 
 
 _NO_SIGNALS: npt.NDArray[np.int64] = np.empty((0, 2), np.int64)

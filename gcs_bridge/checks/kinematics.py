@@ -171,15 +171,15 @@ class _Steps(NamedTuple):
 
 def _columns(steps: Steps) -> _Steps:
     return _Steps(
-        steps.frame_index,
-        steps.t0_us,
-        steps.t1_us,
-        steps.w0_b_rad_s,
-        steps.w1_b_rad_s,
-        steps.turn_b_rad,
-        steps.rate_residual_rad,
-        steps.limit_rad,
-        steps.contradicts_rates,
+        frame_index=steps.frame_index,
+        t0_us=steps.t0_us,
+        t1_us=steps.t1_us,
+        w0_b_rad_s=steps.w0_b_rad_s,
+        w1_b_rad_s=steps.w1_b_rad_s,
+        turn_b_rad=steps.turn_b_rad,
+        rate_residual_rad=steps.rate_residual_rad,
+        limit_rad=steps.limit_rad,
+        contradicts_rates=steps.contradicts_rates,
     )
 
 

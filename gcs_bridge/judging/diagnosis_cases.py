@@ -62,6 +62,11 @@ class SentBatch:
         """The latest time of any sample in it."""
         return max((int(of.t_boot_us.max()) for of in (self.euler, self.quaternion) if len(of)), default=-1)
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether it brought nothing of either stream."""
+        return not (len(self.euler) or len(self.quaternion) or len(self.pairs))
+
 
 class Answer(NamedTuple):
     """A diagnosis, known with the frame `frame_index` at `t_boot_us`."""
@@ -87,16 +92,21 @@ class DiagnosisCases:
         """Start with nothing sent."""
         self._settings = settings
         self._kept: deque[SentBatch] = deque()
-        self._latest_us = -1
+        self._last: SentBatch | None = None
         self._cases: dict[str, _Case] = {}
         self._resets: list[tuple[int, int]] = []  # frame_index and boot time; the last few
 
-    def keep(self, sent: SentBatch) -> None:
-        """Remember a batch; forget what no disagreement needs any more."""
-        self._kept.append(sent)
-        self._latest_us = max(self._latest_us, sent.latest_us)
-        needed_us = min((case.onset_us - _CLEAN_US for case in self._cases.values()), default=self._latest_us)
-        while self._kept and self._kept[0].latest_us < min(self._latest_us - _KEPT_US, needed_us):
+    def keep(self, sent: SentBatch, now_us: int) -> None:
+        """Remember a batch; forget what no disagreement needs any more at the boot time `now_us`, µs.
+
+        Of one that stands nothing is asked once it has lasted so long that more data would tell no more.
+        """
+        self._last = sent
+        if not sent.is_empty:
+            self._kept.append(sent)
+        asked = (case for case in self._cases.values() if max(case.again_us, now_us - _KEPT_US) <= case.until_us)
+        needed_us = min((case.onset_us - _CLEAN_US for case in asked), default=now_us)
+        while self._kept and self._kept[0].latest_us < min(now_us - _KEPT_US, needed_us):
             self._kept.popleft()
 
     def reset_at(self, frame_index: int, t_boot_us: int) -> None:
@@ -119,9 +129,9 @@ class DiagnosisCases:
     def due(self, name: str, until_frame_index: int | None = None) -> Iterator[tuple[int, int]]:
         """Index and time of the frames of the last batch at which an alarm is to be asked about again."""
         case = self._cases.get(name)
-        if case is None or not self._kept:
+        if case is None or self._last is None:
             return
-        pairs = self._kept[-1].pairs
+        pairs = self._last.pairs
         latest = np.maximum.accumulate(pairs.t_boot_us)
         while case.again_us <= case.until_us:
             row = int(np.searchsorted(latest, case.again_us))

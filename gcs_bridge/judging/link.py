@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -71,7 +72,7 @@ class LinkVehicle:
         self.place = place
         self._judged = judged
         self._observer = judged.observer
-        self._observed: list[Observation] = []  # and not shown yet
+        self._observed: deque[Observation] = deque(maxlen=_MOST_OBSERVED)  # and not shown yet
         self.reader = VehicleReader(vehicle, judged.dialect, judged.settings.vehicle)
         self._judge: VehicleJudge | None = None
         self._waiting: list[Callable[[VehicleJudge], Iterable[Notice]]] = []  # for it: how it is given what came
@@ -226,6 +227,7 @@ class LinkVehicle:
 
 _NO_FRAMES: Int64s = np.empty(0, np.int64)
 JUDGED_ATTITUDES, JUDGED_FRAMES = 2, 32  # of one stream, and of all: with either a component is judged
+_MOST_OBSERVED = 256  # batches: of who may be a vehicle for longer, the latest alone are shown
 _MOST_WAITING = 128  # requests are kept for it no longer
 _LONGEST_WAIT_S = 12  # behind a frame the longest deadline, see stream_liveness, has passed
 MOST_BRIEF, MOST_BRIEF_NOW = 1000, 64  # vehicles heard too briefly to be judged that are listed, in a report and live

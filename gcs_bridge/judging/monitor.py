@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+
 from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.chunks import Chunk, Chunks, Framing
 from gcs_bridge.errors import UsageError
@@ -21,7 +23,9 @@ from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings, load_settings
 from gcs_bridge.telemetry.samples import STREAMS
 
+_LATEST_RX_US = 253_402_300_800_000_000  # the year 10,000: nanoseconds are taken for what they are
 _RECORDING = "recording"
+_RECORDING_NUMBER = -1  # beside links, which have theirs from 0 on
 
 
 class Scan(NamedTuple):
@@ -82,6 +86,7 @@ class Monitor:
         `advance` goes on telling of its vehicles, which fall silent and are lost in time. With `open_link`, or its next
         bytes, it is there again. ValueError where it is not open.
         """
+        refuse_no_time(t_rx_us)
         found = self._links.get(link)
         if found is None or not found.is_open:
             raise ValueError(f"link {link} is not open")
@@ -111,11 +116,18 @@ class Monitor:
         return scan.link.judge(scan.scanned)
 
     def feed(self, data: bytes | bytearray | memoryview, t_rx_us: int, link: int = 0) -> list[Event]:
-        """Take the next bytes of a link, or one datagram, received at `t_rx_us` (µs since 1970; −1: unknown)."""
+        """Take the next bytes of a link, or one datagram, received at `t_rx_us` (µs since 1970; −1: unknown).
+
+        TypeError or ValueError, and nothing is taken, where `t_rx_us` is no such time; the same holds wherever one is
+        given.
+        """
+        refuse_no_time(t_rx_us)
         return self.take([Chunk(data, t_rx_us, Framing.STREAM)], link)
 
     def feed_datagrams(self, datagrams: Sequence[Datagram], link: int = 0) -> list[Event]:
         """Take several datagrams of a link at once: the same as one `feed` each, at less cost."""
+        for _, t_rx_us in datagrams:
+            refuse_no_time(t_rx_us)
         return self.take([Chunk(data, t_rx_us, Framing.DATAGRAM) for data, t_rx_us in datagrams], link)
 
     def feed_recording(self, piece: bytes | bytearray | memoryview) -> list[Event]:
@@ -124,6 +136,7 @@ class Monitor:
 
     def advance(self, t_rx_us: int, link: int | None = None) -> list[Event]:
         """Time has come to `t_rx_us` and nothing came, on `link` or on any: tell of the deadlines that have passed."""
+        refuse_no_time(t_rx_us)
         quiet = self._links.values() if link is None else filter(None, [self._links.get(link)])
         return [event for one in quiet for event in one.advance(t_rx_us)]
 
@@ -175,11 +188,20 @@ class Monitor:
         return max((link.span_us for link in self._links.values()), default=0) / 1e6
 
     def _new_link(self, name: int | str, framing: Framing) -> Link:
-        link = Link(self._judged, framing, number=name if self._links and isinstance(name, int) else None)
+        number = (name if isinstance(name, int) else _RECORDING_NUMBER) if self._links else None
+        link = Link(self._judged, framing, number=number)
         if self._on_frames is not None:
             link.on_frames = partial(self._on_frames, name)
         self._links[name] = link
         return link
+
+
+def refuse_no_time(t_rx_us: int) -> None:
+    """TypeError for what is no whole number, ValueError for a number that no clock of µs since 1970 shows."""
+    if not isinstance(t_rx_us, int | np.integer):
+        raise TypeError(f"t_rx_us is a {type(t_rx_us).__name__}: it must be an int, µs since 1970")
+    if not -1 <= t_rx_us < _LATEST_RX_US:
+        raise ValueError(f"t_rx_us is {t_rx_us}: it must be µs since 1970, or −1 where that is not known")
 
 
 def open_dialect(name: str) -> Dialect:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
 from gcs_bridge.alarms.record import scale_of
 from gcs_bridge.alarms.slot import AlarmSlot
 from gcs_bridge.alarms.state import Announcement, State
+from gcs_bridge.alarms.votes import SlotNow
 from gcs_bridge.contract import Severity, Stream, plain
 from gcs_bridge.report.schema import CheckVerdict, Verdict
 from gcs_bridge.telemetry.samples import AttitudeSamples
@@ -95,17 +96,6 @@ class Snapshot(Struct, frozen=True, kw_only=True):
         return entry
 
 
-class LastSample(NamedTuple):
-    """The latest sample of an alarm: value and limit in the alarm's unit."""
-
-    t_boot_s: float | None
-    value: float | None
-    limit: float | None
-
-
-NO_SAMPLE = LastSample(None, None, None)
-
-
 def attitude_now(samples: AttitudeSamples | None, t_rx_us: int, *, alive: bool) -> AttitudeNow | None:
     """The last of some samples."""
     if samples is None:
@@ -122,7 +112,18 @@ def attitude_now(samples: AttitudeSamples | None, t_rx_us: int, *, alive: bool) 
     )
 
 
-def last_of(slot: AlarmSlot) -> LastSample:
-    """The last sample of an alarm."""
-    last, scale = slot.last_sample, scale_of(slot.spec.unit)
-    return NO_SAMPLE if last is None else LastSample(last[0] / 1e6, last[1] * scale, last[2] * scale)
+def alarm_now(slot: AlarmSlot, now: SlotNow) -> AlarmNow:
+    """One alarm, as its ballot has it now."""
+    spec, record, scale = slot.spec, slot.record, scale_of(slot.spec.unit)
+    return AlarmNow(
+        name=spec.name,
+        severity=spec.severity,
+        unit=spec.unit,
+        t_boot_s=now.t_boot_us / 1e6 if now.samples else None,
+        value=now.value * scale if now.samples else None,
+        limit=now.limit * scale if now.samples else None,
+        state=now.state,
+        announcement=slot.announcement,
+        id=None if record is None else record.id,
+        peak=None if record is None else record.peak,
+    )

@@ -36,7 +36,7 @@ from gcs_bridge.judging.notices import (
     stream_changes,
 )
 from gcs_bridge.judging.observation import Observation, Observer
-from gcs_bridge.judging.snapshot import AlarmNow, CheckNow, VehicleNow, attitude_now, last_of
+from gcs_bridge.judging.snapshot import AlarmNow, CheckNow, VehicleNow, alarm_now, attitude_now
 from gcs_bridge.judging.start_up import StartUpChange
 from gcs_bridge.judging.verdicts import Verdicts
 from gcs_bridge.pairing.references import VehicleImu
@@ -191,22 +191,8 @@ class VehicleJudge:
         """What is known now, at the receive time `t_rx_us` of the link."""
         boot = self._boot
         by_check: dict[str, list[AlarmNow]] = {check.name: [] for check in self._checks}
-        for slot in self.alarm_manager.slots:
-            spec, record = slot.spec, slot.record
-            t_boot_s, value, limit = last_of(slot)
-            alarm = AlarmNow(
-                name=spec.name,
-                severity=spec.severity,
-                unit=spec.unit,
-                t_boot_s=t_boot_s,
-                value=value,
-                limit=limit,
-                state=slot.ahead,
-                announcement=slot.announcement,
-                id=None if record is None else record.id,
-                peak=None if record is None else record.peak,
-            )
-            by_check[spec.check].append(alarm)
+        for slot, now in self.alarm_manager.slots_now():
+            by_check[slot.spec.check].append(alarm_now(slot, now))
         verdicts = self._verdicts.of_checks()
         alive = boot.alive if boot else [False, False]
         heard_us = reader.heard_rx_us
@@ -375,7 +361,8 @@ class VehicleJudge:
                 quaternion=quaternion,
                 pairs=aligned.pairs,
                 disagreement=found,
-            )
+            ),
+            boot.last_us,
         )
         told_of = [*self.alarm_manager.tell(link, lambda moment: self._ask(boot, moment, link))]
         for name in list(boot.asked):

@@ -313,7 +313,8 @@ def _keep(state, k, position, came, i):  # type: ignore[no-untyped-def]  # typed
     for axis in range(4):
         row[_Q + axis], row[_APPLIED + axis] = q[axis] + 0.0, 0.0
     row[_APPLIED] = 1.0
-    if came.q_sent.shape[0]:
+    # Where nothing was undone nothing is put back either, to the last bit: another batch may not ask.
+    if came.q_sent.shape[0] and _four(came.q_sent[i], 0) != _four(came.q_nb[i], 0):
         applied = product(conjugated(q), _four(came.q_sent[i], 0))
         for axis in range(4):
             row[_APPLIED + axis] = applied[axis] + 0.0

@@ -10,6 +10,8 @@ reboot, a gap that is too long, or a step that the stream's own rates deny.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record
@@ -116,7 +118,7 @@ class Aligner:
         )
         of_euler, of_quaternion, n_pairs = counts[:3].tolist()
         return Aligned(
-            pairs=Pairs(**{name: of[:n_pairs] for name, of in pairs._asdict().items()}),
+            pairs=Pairs(**_first(pairs, n_pairs)),
             period_us=periods[0],
             rx_period_us=periods[1],
             steps=(steps_of(steps, EULER, of_euler), steps_of(steps, QUATERNION, of_quaternion)),
@@ -143,6 +145,15 @@ class Aligner:
         )
 
 
+def _first(pairs: PairRows, n: int) -> dict[str, Any]:
+    """The columns' first n rows: of their own where there was room for many more, which would be kept with them."""
+    columns = pairs._asdict()
+    if 2 * n >= len(pairs.t_boot_us) or len(pairs.t_boot_us) < _MUCH_ROOM:
+        return {name: of[:n] for name, of in columns.items()}
+    q_euler = pairs.q_euler[:n].copy()
+    return {name: q_euler if of is pairs.q_euler else of[:n].copy() for name, of in columns.items()}
+
+
 def _came(samples: AttitudeSamples, q_sent: Floats | None, expected: Int64s | None) -> Came:
     return Came(
         frame_index=samples.frame_index,
@@ -156,4 +167,5 @@ def _came(samples: AttitudeSamples, q_sent: Floats | None, expected: Int64s | No
     )
 
 
+_MUCH_ROOM = 64  # rows
 _NOTHING_UNDONE, _NEVER = np.empty((0, 4)), np.empty(0, np.int64)

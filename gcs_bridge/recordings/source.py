@@ -60,7 +60,7 @@ class Source:
 def open_telemetry(path: Path, dialect: str, *, judged: bool) -> Iterator[Source]:
     """The recording of a link, open; SourceError where it cannot be used, also later while it is read."""
     with opened(path) as file:
-        prepare(*(("gcs_bridge",) if judged else ("gcs_bridge.mavlink", "gcs_bridge.telemetry.clocks")))
+        prepare(*(("gcs_bridge",) if judged else ("gcs_bridge.mavlink", "gcs_bridge.telemetry")))
         yield Source(file, path, start_us_of(file, open_dialect(dialect), path))
 
 

@@ -63,7 +63,7 @@ class VehicleReader:
     @property
     def is_decided(self) -> bool:
         """Whether it is known by now that it is a vehicle, or that it is none."""
-        return bool(self._standing)
+        return bool(self._standing) or self.vehicle.sysid == 0
 
     def is_vehicle_at(self, frame_index: int) -> bool:
         """Whether it was known to be a vehicle once the frame `frame_index` had come."""

@@ -22,6 +22,9 @@ from gcs_bridge.telemetry.sorting import Share, SortedFrames
 
 _AXES = [f"{axis}{of}" for of in ("acc", "gyro", "mag") for axis in "xyz"]
 
+# What no sensor measures is damage: once in a sum, it would be told as a fault for the rest of the flight.
+_MOST_M_S2, _MOST_OTHER = 2000.0, 100.0  # rad/s and gauss
+
 
 @kernel
 def _read_imu(
@@ -76,6 +79,8 @@ def _read_imu(
             for axis in range(3):
                 field = at[3 * sensor + axis]
                 value = float_in(payload, field) if floats else np.float64(int16_in(payload, field))
+                if floats and abs(value) > (_MOST_M_S2 if sensor == 0 else _MOST_OTHER):
+                    value = np.nan
                 measured[sensor, n, axis] = value * scales[sensor]
         n += 1
     return n
