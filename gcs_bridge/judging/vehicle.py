@@ -46,6 +46,7 @@ from gcs_bridge.telemetry.stream_counts import StreamCount
 from gcs_bridge.telemetry.stream_liveness import OTHER, Timeline
 
 _FIXED_WING = ("fixed_wing",)  # MAV_TYPE; what hovers too is told by its VTOL types
+_NO_FRAMES = no_frames()
 _MOST_NEWS = 10_000  # statements that can wait for a message with a time
 
 
@@ -74,7 +75,7 @@ class VehicleJudge:
         self._fixed_wing, self._ardupilot = StepSignal(), StepSignal()
         self._streams: dict[str, StreamCount] = {}
         self._verdicts = Verdicts(self._checks, self.alarm_manager, self._expected, self._streams, settings)
-        self._beside = no_frames()  # of the batch, behind its last message with a time so far
+        self._beside = _NO_FRAMES  # of the batch, behind its last message with a time so far
         self._wishes = RateWishes()
         self._asked: list[RateRequest] = []  # that the checks have not been given yet
         self._latest: list[AttitudeSamples | None] = [None, None]  # what came last of both streams
@@ -96,10 +97,15 @@ class VehicleJudge:
         boots = {segment.boot: segment for segment in batch.segments}
         more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
         starts = {change.boot: change for change in batch.clock_changes if change.t_boot_us < 0}
-        for index in sorted(boots.keys() | starts.keys() | set(np.unique(np.concatenate(more)).tolist())):
-            yield from self._take_boot(index, boots.get(index), batch, link, starts.get(index))
-        yield from self.advance(link)
-        yield from self._hear_more(link)
+        indices = sorted(boots.keys() | starts.keys() | set(np.unique(np.concatenate(more)).tolist()))
+        for index in indices:
+            is_last = index == indices[-1]
+            yield from self._take_boot(index, boots.get(index), batch, link, starts.get(index), is_last=is_last)
+        if not indices or len(self._beside):  # nothing with a time came
+            yield from self.advance(link)
+            yield from self._hear_more(link)
+        else:
+            yield from self.alarm_manager.pass_time(link)
         last = int(frame_indices[-1])
         for latest in (self._fixed_wing, self._ardupilot, self._stillness, self._trims):
             latest.forget(last)
@@ -145,7 +151,10 @@ class VehicleJudge:
     def _heard_until(self, frame_index: int | None) -> HeardFrames:
         """Those of the batch's frames that were not looked at yet, before one of them, or all."""
         heard = self._beside
-        end = len(heard) if frame_index is None else int(np.searchsorted(heard.frame_index, frame_index))
+        if frame_index is None:
+            self._beside = _NO_FRAMES
+            return heard
+        end = int(np.searchsorted(heard.frame_index, frame_index))
         self._beside = heard[end:]
         return heard[:end]
 
@@ -246,8 +255,10 @@ class VehicleJudge:
         batch: VehicleBatch,
         link: LinkClock,
         start: ClockChange | None = None,
+        *,
+        is_last: bool,
     ) -> Iterator[Notice]:
-        """Judge what came of one boot; `start`: it began before anything told its time."""
+        """Judge what came of one boot; `start`: it began before anything told its time; `is_last`: of the batch."""
         boot = self._boot
         if boot is None or boot.index != index:
             if start is not None:
@@ -267,9 +278,12 @@ class VehicleJudge:
         else:
             boot.begin_clock(int(segment.t_boot_us[0]), int(segment.t_rx_us[0]))
             boot.last_us = max(boot.last_us, int(segment.t_boot_us.max()))
-        yield from self._judge(boot, segment, batch, link)
+        yield from self._judge(boot, segment, batch, link, is_last=is_last)
 
-    def _judge(self, boot: Boot, segment: BootSegment, batch: VehicleBatch, link: LinkClock) -> Iterator[Notice]:
+    def _judge(
+        self, boot: Boot, segment: BootSegment, batch: VehicleBatch, link: LinkClock, *, is_last: bool
+    ) -> Iterator[Notice]:
+        """Judge a segment, with what came behind it if it is the last of its batch."""
         sent, quaternion = segment.euler, segment.quaternion
         self._latest = [new if len(new) else old for new, old in zip((sent, quaternion), self._latest, strict=True)]
         until = int(segment.frame_index[-1]) if len(segment.frame_index) else -1
@@ -294,6 +308,9 @@ class VehicleJudge:
             received=segment.received,
         )
         turns = list(boot.liveness.take(line, link)) if len(segment.message) else []
+        heard = self._heard_until(None if is_last else until + 1)
+        if is_last:
+            turns += boot.liveness.pass_silence(link)
         notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link)
         yield from notices
 
@@ -312,8 +329,8 @@ class VehicleJudge:
             ardupilot=self._ardupilot,
             stream_changes=turns,
             line=line,
-            heard=self._heard_until(until + 1),
-            wishes=self._wishes_until(until),
+            heard=heard,
+            wishes=self._wishes_until(int(heard.frame_index[-1])) if len(heard) else [],
             statements=told,
         )
         for reset in boot.resets.take(flight.steps):

@@ -36,8 +36,10 @@ JUMP_US = 60_000_000  # a longer step forward needs the receive time, or a secon
 # vehicle that restarts for the third time begins near zero, and goes on.
 _EARLIER_US, _EARLIER_RUN_US = 1_000_000, 10_000_000
 _RIVALS = 5  # messages of another clock, each later than the one before, that are believed beside one that goes on
-# Behind a silence of its own, which is longer than from one heartbeat to the next, a sequence that begins anew.
+# Behind a silence of its own, which is longer than from one heartbeat to the next, a sequence that begins anew; behind
+# a longer one some of its first frames may be missing.
 _RESTART_SILENCE_US, _RESTART_SEQ = 1_500_000, 5
+_LONG_SILENCE_US, _EARLY_SEQ = 2_500_000, 31
 _RESTARTED_US = 10_000_000  # and so long nothing that tells a time: it has restarted
 # Messages with a time of their own that fell back to near zero, and for how long, before they are believed.
 _WITNESSES, _WITNESSED_US = 3, 1_000_000
@@ -177,8 +179,10 @@ def _suspect_restart(clock, frame, rx_us):  # type: ignore[no-untyped-def]  # ty
         clock.restarting_us += min(silent_us, HEARD_US)
         if frame.lost - clock.restart_lost > clock.restart_came:  # no counter that began anew
             clock.restarting = False
-    elif silent_us > _RESTART_SILENCE_US and seq <= _RESTART_SEQ and seq != (clock.seq + 1) % 256:
-        _begin_restart(clock, frame)
+    elif silent_us > _RESTART_SILENCE_US and seq != (clock.seq + 1) % 256:
+        early = seq <= _EARLY_SEQ if silent_us > _LONG_SILENCE_US else seq <= _RESTART_SEQ
+        if early:
+            _begin_restart(clock, frame)
     clock.frame_rx_us, clock.seq = rx_us, seq
     return clock.restarting and clock.restarting_us >= _RESTARTED_US and clock.latest_us >= 0
 

@@ -283,9 +283,9 @@ def test_time_that_is_known_to_pass_is_a_silence_at_once() -> None:
 # --- restarts ---
 
 
-def sender(sysid: int = 1) -> Any:
-    """A counter of one vehicle's frames, from 0 on, and how each becomes bytes."""
-    numbers = count()
+def sender(sysid: int = 1, first: int = 0) -> Any:
+    """A counter of one vehicle's frames, and how each becomes bytes."""
+    numbers = count(first)
     return lambda message: wire.pack(message, seq=next(numbers), sysid=sysid)
 
 
@@ -309,11 +309,16 @@ def heartbeat() -> Any:
     return mavlink.MAVLink_heartbeat_message(wire.QUADROTOR, wire.ARDUPILOT, 81, 0, 4, 3)
 
 
-def restarted(others: Sequence[Any], silent_s: float, seconds: float = 30.0, hz: float = 4.0) -> list[Record]:
-    """Thirty seconds of flight with these messages, and then a new start that sends them and heartbeats, no attitude."""
+def restarted(
+    others: Sequence[Any], silent_s: float, seconds: float = 30.0, hz: float = 4.0, *, first: int = 0
+) -> list[Record]:
+    """Thirty seconds of flight with these messages, and then a new start that sends them and heartbeats alone.
+
+    `first`: the number of its first frame that was heard.
+    """
     also = [(i / hz, make(round(1000 * (BOOT_S + i / hz)))) for i in range(round(30 * hz)) for make in others]
     records = craft(also=also).records(30)
-    send, begin_us = sender(), wire.START_US + round((30 + silent_s) * S)
+    send, begin_us = sender(first=first), wire.START_US + round((30 + silent_s) * S)
     for i in range(round(seconds * hz)):
         ms = 1500 + round(1000 * i / hz)
         said = [*([heartbeat()] if i % round(hz) == 0 else []), *(make(ms) for make in others)]
@@ -349,9 +354,10 @@ def test_a_restart_that_the_sequence_alone_shows(silent_s: float) -> None:
 
 
 @pytest.mark.parametrize("booting_s", [0, 5, 9, 15])
-def test_a_restart_after_which_heartbeats_come_first(booting_s: float) -> None:
-    """The attitudes follow when it has booted: one restart, and no alarm."""
-    records = restarted([], 3, booting_s)
+@pytest.mark.parametrize("first", [0, 3, 25])
+def test_a_restart_after_which_heartbeats_come_first(booting_s: float, first: int) -> None:
+    """The attitudes follow when it has booted, some of its first frames were lost: one restart, and no alarm."""
+    records = restarted([], 3, booting_s, first=first)
     begin_us = 33 * S + round(booting_s * S)
     after = craft(boot_s=3.0 + booting_s).records(20)
     events, vehicle = one([*records, *((t_us + begin_us, frame) for t_us, frame in after)])
@@ -360,8 +366,16 @@ def test_a_restart_after_which_heartbeats_come_first(booting_s: float) -> None:
     assert alarms(vehicle) == []
 
 
+def test_numbers_that_go_on_are_no_restart() -> None:
+    """A silence of four seconds, and heartbeats alone whose numbers go on behind it: a fault of the streams."""
+    records = restarted([], 4, 20, first=100)
+    _, vehicle = one(records)
+    assert [alarm["raised_boot_s"] for alarm in alarms(vehicle)] == pytest.approx([32.0] * 2, abs=1.1)
+    assert len(vehicle["boots"]) == 1
+
+
 def test_a_lost_stretch_of_frames_is_no_restart() -> None:
-    """Frames are missing for three seconds and the next number is 2, as it may be: the time goes on, so does the boot."""
+    """Frames are missing for three seconds and the next number is 2, as it may be: the time and the boot go on."""
     records = [record for record in flown_by(1) if not 20 <= (record[0] - wire.START_US) / S < 23]
     first = next(i for i, (t_us, _) in enumerate(records) if t_us >= wire.START_US + 23 * S)
     send = sender()
