@@ -36,6 +36,11 @@ TURNING = spinning(deg_s=5)
 S = 1_000_000
 
 
+def varied(first: Any, *others: Any) -> list[Any]:
+    """The first value every day, the others with the slow tests."""
+    return [first, *(pytest.param(other, marks=pytest.mark.slow) for other in others)]
+
+
 def heard(records: Iterable[Record], **how: Any) -> tuple[list[Json], list[Json]]:
     """Events, and the entries of the vehicles in the report."""
     monitor = Monitor(**how)
@@ -98,7 +103,7 @@ def transfer(make: Any, begin_s: float, end_s: float, hz: float) -> list[tuple[f
     return [(begin_s + i / hz, make(i)) for i in range(number)]
 
 
-@pytest.mark.parametrize("make", [parameter_number, mission_item, mission_request, file_piece, log_data])
+@pytest.mark.parametrize("make", varied(parameter_number, mission_item, mission_request, file_piece, log_data))
 @pytest.mark.parametrize(("seconds", "hz"), [(11, 50), (5, 4), (40, 1), (25, 10)])
 def test_a_transfer_stops_the_streams(make: Any, seconds: float, hz: float) -> None:
     """No alarm: NO COMPARE from two seconds on until it is over."""
@@ -171,7 +176,7 @@ def test_a_real_flight_whose_attitudes_stop(keep: Sequence[int], seconds: float)
 
 
 @pytest.mark.parametrize("hz", [1, 4, 25, 50])
-@pytest.mark.parametrize("seconds", [9, 60])
+@pytest.mark.parametrize("seconds", varied(9, 60))
 def test_heartbeats_alone(hz: float, seconds: float) -> None:
     """Whatever the rate was: five of its periods, two seconds at the least, and the next heartbeat."""
     made = craft(**stopped(40, 40 + seconds), hz=hz, second_hz=1)
@@ -207,9 +212,9 @@ def flown_by(*sysids: int, imu: Change | None = true) -> list[Record]:
     return sorted(several, key=lambda record: record[0])
 
 
-@pytest.mark.parametrize("pause_s", [3, 10, 60, 600])
-@pytest.mark.parametrize("sysids", [(1,), (1, 2, 3)])
-@pytest.mark.parametrize("at_s", [20.0, 20.012, 20.032])
+@pytest.mark.parametrize("pause_s", varied(10, 3, 60, 600))
+@pytest.mark.parametrize("sysids", varied((1,), (1, 2, 3)))
+@pytest.mark.parametrize("at_s", varied(20.0, 20.012, 20.032))
 def test_a_receiver_that_is_suspended(pause_s: float, sysids: Sequence[int], at_s: float) -> None:
     """No alarm, no stale stream, no lost vehicle; that the receiver paused is told once, and in the report."""
     events, vehicles = heard(paused(flown_by(*sysids), at_s, pause_s))
@@ -221,6 +226,7 @@ def test_a_receiver_that_is_suspended(pause_s: float, sysids: Sequence[int], at_
         assert "the receiver paused once" in check(vehicle, "stream")["reason"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pause_s", [3, 10, 600])
 def test_a_receiver_that_is_suspended_while_it_listens(pause_s: float) -> None:
     """The same as datagrams of a live link, while nobody could say that time passed."""
@@ -234,6 +240,7 @@ def test_a_receiver_that_is_suspended_while_it_listens(pause_s: float) -> None:
     assert monitor.close().to_dict()["verdict"] == "agree"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pause_s", [3, 10, 60])
 def test_what_waited_while_the_receiver_slept_comes_at_once(pause_s: float) -> None:
     """All of the time in which it slept arrives with one receive time: a pause, told once, and no alarm."""
@@ -331,7 +338,7 @@ def restarted(
     [[system_time], [imu], [position], [pressure, position], [imu, system_time]],
     ids=lambda made: "+".join(one.__name__ for one in made),
 )
-@pytest.mark.parametrize("silent_s", [0.5, 2, 6, 20])
+@pytest.mark.parametrize("silent_s", varied(2, 0.5, 6, 20))
 def test_a_restart_that_other_messages_show(others: Sequence[Any], silent_s: float) -> None:
     """The boot is over, the new one is in the report, and its streams did not stop: they never began."""
     events, vehicle = one(restarted(others, silent_s))
@@ -354,7 +361,7 @@ def test_a_restart_that_the_sequence_alone_shows(silent_s: float) -> None:
 
 
 @pytest.mark.parametrize("booting_s", [0, 5, 9, 15])
-@pytest.mark.parametrize("first", [0, 3, 25])
+@pytest.mark.parametrize("first", varied(0, 3, 25))
 def test_a_restart_after_which_heartbeats_come_first(booting_s: float, first: int) -> None:
     """The attitudes follow when it has booted, some of its first frames were lost: one restart, and no alarm."""
     records = restarted([], 3, booting_s, first=first)
@@ -391,6 +398,7 @@ def test_a_lost_stretch_of_frames_is_no_restart() -> None:
 
 
 @pytest.mark.parametrize("pattern", ["ab", "aab", "abb", "aaaabbb", "aababbbaab", "a" * 40 + "b" * 40])
+@pytest.mark.slow
 @pytest.mark.parametrize("older_s", [600.0, 90.0, 5000.0])
 def test_backlogs_of_two_boots_are_two_boots(pattern: str, older_s: float) -> None:
     """What was kept of the boot before comes between what is new: one restart."""
@@ -450,8 +458,8 @@ def with_frames(records: list[Record], *more: tuple[float, list[bytes]]) -> list
     return sorted([*records, *added], key=lambda record: record[0])
 
 
-@pytest.mark.parametrize("how", WAYS)
-@pytest.mark.parametrize("rate_hz", [10, 5, 4, 2, 1])
+@pytest.mark.parametrize("how", varied(*WAYS))
+@pytest.mark.parametrize("rate_hz", varied(4, 10, 5, 2, 1))
 def test_a_rate_that_was_asked_for(how: str, rate_hz: float) -> None:
     """No warning, and who asked, how, for what."""
     records = with_frames(at_rates((60.7, rate_hz)), (60.0, asked(how, rate_hz)))
@@ -476,6 +484,7 @@ def test_a_rate_that_is_told_by_a_parameter_alone() -> None:
     assert (event["by"], event["how"], event["rate_hz"]) == (None, "SR1_EXTRA1", 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", WAYS)
 def test_a_higher_rate_and_back(how: str) -> None:
     """From 5 to 20 Hz and back to 5, each asked for: nothing; back to 5 without a word: a warning."""
@@ -486,7 +495,7 @@ def test_a_higher_rate_and_back(how: str) -> None:
     assert alarms(one(with_frames(records, (119.9, asked(how, 5))))[1]) == []
 
 
-@pytest.mark.parametrize("how", WAYS)
+@pytest.mark.parametrize("how", varied(*WAYS))
 def test_slower_than_was_asked_for_is_slow(how: str) -> None:
     """Ten a second were asked for, and four come: a warning with the first five seconds."""
     _, vehicle = one(with_frames(at_rates((60.7, 4)), (60.0, asked(how, 10))))
@@ -547,8 +556,8 @@ def with_stuck_clock(records: Iterable[Record], stuck_ms: int, from_s: float = 0
     return stuck
 
 
-@pytest.mark.parametrize("stuck_ms", [0, 1, 77_000, 4_000_000_000])
-@pytest.mark.parametrize("hz", [5, 20, 50])
+@pytest.mark.parametrize("stuck_ms", varied(0, 1, 77_000, 4_000_000_000))
+@pytest.mark.parametrize("hz", varied(20, 5, 50))
 @pytest.mark.parametrize("also_imu", [False, True])
 def test_a_clock_that_stands_still(stuck_ms: int, hz: float, also_imu: bool) -> None:
     """Nothing can be compared, and that is said; the rate is told by receipt."""
@@ -596,6 +605,7 @@ def several_stories() -> list[tuple[str, list[Record]]]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "records"), several_stories(), ids=[name for name, _ in several_stories()])
 def test_the_cut_into_pieces_changes_nothing(name: str, records: list[Record]) -> None:
     """Whole, in pieces of some hundred bytes, and frame by frame: the same events, the same report."""
