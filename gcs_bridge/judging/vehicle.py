@@ -172,8 +172,7 @@ class VehicleJudge:
             boots=tuple(boots),
             streams={name: self._streams[name].entry() for name in sorted(self._streams)},
             checks=tuple(
-                self._verdicts.entry(check, verdicts[check.name], reader.autopilot, both_alive_us)
-                for check in self._checks
+                self._verdicts.entry(check, verdicts[check.name], reader, both_alive_us) for check in self._checks
             ),
             alarms=tuple(alarm.entry() for alarm in self.alarm_manager.alarms),
         )

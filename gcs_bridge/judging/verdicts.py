@@ -16,6 +16,7 @@ from gcs_bridge.expected import Expected
 from gcs_bridge.mavlink.requests import request_command
 from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
+from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.stream_counts import StreamCount
 
@@ -71,14 +72,16 @@ class Verdicts:
             return "no_compare"
         return "explained" if self._expected.explains else "agree"
 
-    def entry(self, check: Check, verdict: schema.CheckVerdict, autopilot: str, both_alive_us: int) -> schema.Check:
+    def entry(
+        self, check: Check, verdict: schema.CheckVerdict, reader: VehicleReader, both_alive_us: int
+    ) -> schema.Check:
         """The report's entry of one check; `both_alive_us`: for so long both attitude streams were alive."""
         numbers = check.numbers()
         explained_by: list[ExplainedBy] = []
         if check is self._euler_quaternion:
             numbers["coverage"] = min(check.judged_us / both_alive_us, 1.0) if both_alive_us > 0 else None
             explained_by = self._expected.explanations()
-        reason = self._reason(check, verdict, autopilot)
+        reason = self._reason(check, verdict, reader)
         remark = check.remark if verdict in ("agree", "explained", "no_compare") else None
         return schema.Check(
             name=check.name,
@@ -90,7 +93,7 @@ class Verdicts:
             explained_by=tuple(explained_by),
         )
 
-    def _reason(self, check: Check, verdict: schema.CheckVerdict, autopilot: str) -> str:
+    def _reason(self, check: Check, verdict: schema.CheckVerdict, reader: VehicleReader) -> str:
         if verdict in _SEVERITIES:
             found = [alarm for alarm in self._alarms.alarms if (alarm.check, alarm.severity) == (check.name, verdict)]
             worst = max(found, key=lambda alarm: alarm.peak)
@@ -99,7 +102,7 @@ class Verdicts:
         if verdict == "inop":
             return check.broken or ""
         if verdict == "no_compare":
-            return self._why_not_compared(autopilot) if check is self._euler_quaternion else check.why_not()
+            return self._why_not_compared(reader) if check is self._euler_quaternion else check.why_not()
         if verdict == "explained":
             return "the firmware sends the two forms differently on purpose, by what was undone here"
         return check.ok_text
@@ -110,13 +113,17 @@ class Verdicts:
         check = self._euler_quaternion
         return self.left_pending or 2 * check.bad > check.counted or self._alarms.pending(check.name)
 
-    def _why_not_compared(self, autopilot: str) -> str:
+    def _why_not_compared(self, reader: VehicleReader) -> str:
         """Why the two forms of the attitude could not be compared, or came to no decision."""
         check, least = self._euler_quaternion, self._settings.alarm.counted_samples
         if check.judged >= least:
             differs = f"{check.bad} of {check.counted} pairs differ, by up to {math.degrees(check.residual.max):.3g}°"
             return f"{differs}, but for too short a time or too seldom to raise an alarm"
+        autopilot = reader.autopilot
         missing = [name for name in STREAMS if name not in self._streams]
+        for name, unbelieved in zip(STREAMS, reader.unbelieved, strict=True):
+            if name in missing and unbelieved >= least:
+                return f"the times of {name} do not go on, or not with the vehicle's clock: {unbelieved} messages of it"
         if len(missing) == len(STREAMS):
             return "neither ATTITUDE nor ATTITUDE_QUATERNION was received"
         if missing:

@@ -61,6 +61,7 @@ CLOCK = np.dtype(
         ("lost", "i8"),
         ("received", "i8"),
         ("in_window", "?"),
+        ("unbelieved", "i8", (2,)),  # messages of the two streams so far whose time was not believed
         # The boot before, on its own milliseconds: the latest time, −1: none, and where a run of such messages began.
         ("earlier_us", "i8"),
         ("earlier_run_us", "i8"),
@@ -351,15 +352,18 @@ def _follow(
         ms = unsigned_in(payload, offset[message], 4)
         said, t_us, step_us, first_us = _read_time(state, message, ms, frame.t_rx_us)
         restarting[i - start] = state.restarting
-        if said == _DOUBTED:
-            _doubt(state, frame, message, row, received, in_window[row])
-            continue
-        if said == _LATE:
+        if said in (_DOUBTED, _LATE):
+            if message < state.unbelieved.size:
+                state.unbelieved[message] += 1
+            if said == _DOUBTED:
+                _doubt(state, frame, message, row, received, in_window[row])
             continue
         state.restarting, state.by_witness, state.witnesses = False, False, 0
         restarting[i - start] = False
         if said != _GOES_ON:  # the one before is believed after all, if it is of this clock: it counts from now on
             if first_us >= 0:
+                if state.message < state.unbelieved.size:
+                    state.unbelieved[state.message] -= 1
                 inside[n] = state.in_window
                 _believe(
                     timed, n, first + row, state.message, state.row, state.boot, first_us, state.t_rx_us, state.lost,
@@ -389,6 +393,12 @@ class BootClock:
         self._witness = np.zeros(len(self._times.offset), WITNESS)
         self._last = (0, -1)  # boot and boot time last believed
         self._held: Bytes | None = None  # the payload of the message that is doubted
+
+    @property
+    def unbelieved(self) -> tuple[int, int]:
+        """How many messages of each of the two streams carried a time that was not believed."""
+        euler, quaternion = self._state["unbelieved"][0].tolist()
+        return euler, quaternion
 
     def read(self, batch: SortedFrames, share: Share, received: int) -> tuple[TimedMessages, list[ClockChange]]:
         """Take a component's next messages; `received`: how many frames of it came before.

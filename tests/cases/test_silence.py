@@ -574,6 +574,32 @@ def test_a_clock_that_stands_still(stuck_ms: int, hz: float, also_imu: bool) -> 
     assert "the clock stands still" in no_compare["reason"]
 
 
+@pytest.mark.parametrize("stuck_ms", [0, 77_000])
+def test_a_clock_that_stands_still_and_is_told_without_receive_times(stuck_ms: int) -> None:
+    """Raw bytes: nothing tells how often they came."""
+    monitor = Monitor()
+    for _, frame in with_stuck_clock(craft().records(20), stuck_ms):
+        monitor.feed(frame, -1)
+    ((vehicle,),) = [entry["vehicles"] for entry in monitor.close().to_dict()["files"]]
+    assert check(vehicle, "euler_quaternion")["reason"].startswith("the clock stands still")
+    assert {stream["rate_hz"] for stream in vehicle["streams"].values()} == {None}
+
+
+@pytest.mark.parametrize("boot_s", [BOOT_S, 500.0])
+def test_one_stream_whose_times_stand_still(boot_s: float) -> None:
+    """ATTITUDE_QUATERNION with the time 0 beside an ATTITUDE that goes on: it came, and its times are of no use."""
+    of_quaternion = mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
+    stuck = [
+        with_stuck_clock([record], 0)[0] if int.from_bytes(record[1][7:10], "little") == of_quaternion else record
+        for record in craft(boot_s=boot_s).records(30)
+    ]
+    events, vehicle = one(stuck)
+    assert told(events, "reboot") == []
+    entry = check(vehicle, "euler_quaternion")
+    assert entry["verdict"] == "no_compare"
+    assert "the times of ATTITUDE_QUATERNION do not go on" in entry["reason"]
+
+
 def test_a_clock_that_stands_still_for_a_time() -> None:
     """From 20 to 40 s: nothing is compared then, and all is well before and behind it."""
     records = with_stuck_clock(craft().records(60), 29_950, 20, 40)
