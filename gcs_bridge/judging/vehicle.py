@@ -57,6 +57,7 @@ from gcs_bridge.telemetry.stream_counts import StreamCount
 from gcs_bridge.telemetry.stream_liveness import OTHER, Timeline
 
 _FIXED_WING = ("fixed_wing",)  # MAV_TYPE; what hovers too is told by its VTOL types
+_NO_FRAMES = no_frames()
 _MANY = 4096  # messages that are worth another thread, which takes 0.1 ms to begin
 _MOST_RESETS = 100  # that the report lists
 _MOST_NEWS = 10_000  # statements that can wait for a message with a time
@@ -90,7 +91,7 @@ class VehicleJudge:
         self._fixed_wing, self._ardupilot, self._may_be_trim = StepSignal(), StepSignal(), StepSignal(0.0)
         self._streams: dict[str, StreamCount] = {}
         self._verdicts = Verdicts(self._checks, self.alarm_manager, self._expected, self._streams, settings)
-        self._beside = no_frames()  # of the batch, behind its last message with a time so far
+        self._beside = _NO_FRAMES  # of the batch, behind its last message with a time so far
         self._wishes = RateWishes()
         self._asked: list[RateRequest] = []  # that the checks have not been given yet
         self._latest: list[AttitudeSamples | None] = [None, None]  # what came last of both streams
@@ -112,11 +113,16 @@ class VehicleJudge:
         self._beside = batch.heard
         boots = {segment.boot: segment for segment in batch.segments}
         more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
-        starts = {change.boot: change for change in batch.clock_changes if change.kind == "reboot"}
-        for index in sorted((boots.keys() | starts.keys()).union(*map(_boots_in, more))):
-            yield from self._take_boot(index, boots.get(index), batch, link, starts.get(index))
-        yield from self.advance(link)
-        yield from self._hear_more(link)
+        starts = {change.boot: change for change in batch.clock_changes if change.t_boot_us < 0}
+        indices = sorted((boots.keys() | starts.keys()).union(*map(_boots_in, more)))
+        for index in indices:
+            is_last = index == indices[-1]
+            yield from self._take_boot(index, boots.get(index), batch, link, starts.get(index), is_last=is_last)
+        if not indices or len(self._beside):  # nothing with a time came
+            yield from self.advance(link)
+            yield from self._hear_more(link)
+        else:
+            yield from self.alarm_manager.pass_time(link)
         last = int(frame_indices[-1])
         for latest in (self._fixed_wing, self._ardupilot, self._may_be_trim, self._stillness, self._trims):
             latest.forget(last)
@@ -162,7 +168,10 @@ class VehicleJudge:
     def _heard_until(self, frame_index: int | None) -> HeardFrames:
         """Those of the batch's frames that were not looked at yet, before one of them, or all."""
         heard = self._beside
-        end = len(heard) if frame_index is None else int(np.searchsorted(heard.frame_index, frame_index))
+        if frame_index is None:
+            self._beside = _NO_FRAMES
+            return heard
+        end = int(np.searchsorted(heard.frame_index, frame_index))
         self._beside = heard[end:]
         return heard[:end]
 
@@ -181,8 +190,7 @@ class VehicleJudge:
             resets=tuple(self._resets),
             streams={name: self._streams[name].entry() for name in sorted(self._streams)},
             checks=tuple(
-                self._verdicts.entry(check, verdicts[check.name], reader.autopilot, both_alive_us)
-                for check in self._checks
+                self._verdicts.entry(check, verdicts[check.name], reader, both_alive_us) for check in self._checks
             ),
             alarms=tuple(alarm.entry() for alarm in self.alarm_manager.alarms),
         )
@@ -251,8 +259,10 @@ class VehicleJudge:
         batch: VehicleBatch,
         link: LinkClock,
         start: ClockChange | None = None,
+        *,
+        is_last: bool,
     ) -> Iterator[Notice]:
-        """Judge what came of one boot; `start`: it began before anything told its time."""
+        """Judge what came of one boot; `start`: it began before anything told its time; `is_last`: of the batch."""
         boot = self._boot
         if boot is None or boot.index != index:
             if start is not None:
@@ -272,9 +282,12 @@ class VehicleJudge:
         else:
             boot.begin_clock(int(segment.t_boot_us[0]), int(segment.t_rx_us[0]))
             boot.last_us = max(boot.last_us, int(segment.t_boot_us.max()))
-        yield from self._judge(boot, segment, batch, link)
+        yield from self._judge(boot, segment, batch, link, is_last=is_last)
 
-    def _judge(self, boot: Boot, segment: BootSegment, batch: VehicleBatch, link: LinkClock) -> Iterator[Notice]:
+    def _judge(
+        self, boot: Boot, segment: BootSegment, batch: VehicleBatch, link: LinkClock, *, is_last: bool
+    ) -> Iterator[Notice]:
+        """Judge a segment, with what came behind it if it is the last of its batch."""
         sent, quaternion = segment.euler, segment.quaternion
         self._latest = [new if len(new) else old for new, old in zip((sent, quaternion), self._latest, strict=True)]
         until = int(segment.frame_index[-1]) if len(segment.frame_index) else -1
@@ -311,6 +324,9 @@ class VehicleJudge:
             received=segment.received,
         )
         turns = list(boot.liveness.take(line, link)) if len(segment.message) else []
+        heard = self._heard_until(None if is_last else until + 1)
+        if is_last:
+            turns += boot.liveness.pass_silence(link)
         was_starting, start_ups = boot.is_starting, boot.start_up.take(told, segment)
         notices, signals = stream_changes(self.vehicle, boot, self._checks, turns, link, start_ups)
         yield from notices
@@ -330,8 +346,8 @@ class VehicleJudge:
             trim_open=self._trims.open,
             stream_changes=turns,
             line=line,
-            heard=self._heard_until(until + 1),
-            wishes=self._wishes_until(until),
+            heard=heard,
+            wishes=self._wishes_until(int(heard.frame_index[-1])) if len(heard) else [],
             statements=told,
         )
         for reset in boot.resets.take(flight.steps):

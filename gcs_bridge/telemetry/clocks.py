@@ -36,8 +36,10 @@ JUMP_US = 60_000_000  # a longer step forward needs the receive time, or a secon
 # vehicle that restarts for the third time begins near zero, and goes on.
 _EARLIER_US, _EARLIER_RUN_US = 1_000_000, 10_000_000
 _RIVALS = 5  # messages of another clock, each later than the one before, that are believed beside one that goes on
-# Behind a silence of its own, which is longer than from one heartbeat to the next, a sequence that begins anew.
+# Behind a silence of its own, which is longer than from one heartbeat to the next, a sequence that begins anew; behind
+# a longer one some of its first frames may be missing.
 _RESTART_SILENCE_US, _RESTART_SEQ = 1_500_000, 5
+_LONG_SILENCE_US, _EARLY_SEQ = 2_500_000, 31
 _RESTARTED_US = 10_000_000  # and so long nothing that tells a time: it has restarted
 # Messages with a time of their own that fell back to near zero, and for how long, before they are believed.
 _WITNESSES, _WITNESSED_US = 3, 1_000_000
@@ -59,6 +61,7 @@ CLOCK = np.dtype(
         ("lost", "i8"),
         ("received", "i8"),
         ("in_window", "?"),
+        ("unbelieved", "i8", (2,)),  # messages of the two streams so far whose time was not believed
         # The boot before, on its own milliseconds: the latest time, −1: none, and where a run of such messages began.
         ("earlier_us", "i8"),
         ("earlier_run_us", "i8"),
@@ -177,8 +180,10 @@ def _suspect_restart(clock, frame, rx_us):  # type: ignore[no-untyped-def]  # ty
         clock.restarting_us += min(silent_us, HEARD_US)
         if frame.lost - clock.restart_lost > clock.restart_came:  # no counter that began anew
             clock.restarting = False
-    elif silent_us > _RESTART_SILENCE_US and seq <= _RESTART_SEQ and seq != (clock.seq + 1) % 256:
-        _begin_restart(clock, frame)
+    elif silent_us > _RESTART_SILENCE_US and seq != (clock.seq + 1) % 256:
+        early = seq <= _EARLY_SEQ if silent_us > _LONG_SILENCE_US else seq <= _RESTART_SEQ
+        if early:
+            _begin_restart(clock, frame)
     clock.frame_rx_us, clock.seq = rx_us, seq
     return clock.restarting and clock.restarting_us >= _RESTARTED_US and clock.latest_us >= 0
 
@@ -347,15 +352,18 @@ def _follow(
         ms = unsigned_in(payload, offset[message], 4)
         said, t_us, step_us, first_us = _read_time(state, message, ms, frame.t_rx_us)
         restarting[i - start] = state.restarting
-        if said == _DOUBTED:
-            _doubt(state, frame, message, row, received, in_window[row])
-            continue
-        if said == _LATE:
+        if said in (_DOUBTED, _LATE):
+            if message < state.unbelieved.size:
+                state.unbelieved[message] += 1
+            if said == _DOUBTED:
+                _doubt(state, frame, message, row, received, in_window[row])
             continue
         state.restarting, state.by_witness, state.witnesses = False, False, 0
         restarting[i - start] = False
         if said != _GOES_ON:  # the one before is believed after all, if it is of this clock: it counts from now on
             if first_us >= 0:
+                if state.message < state.unbelieved.size:
+                    state.unbelieved[state.message] -= 1
                 inside[n] = state.in_window
                 _believe(
                     timed, n, first + row, state.message, state.row, state.boot, first_us, state.t_rx_us, state.lost,
@@ -385,6 +393,12 @@ class BootClock:
         self._witness = np.zeros(len(self._times.offset), WITNESS)
         self._last = (0, -1)  # boot and boot time last believed
         self._held: Bytes | None = None  # the payload of the message that is doubted
+
+    @property
+    def unbelieved(self) -> tuple[int, int]:
+        """How many messages of each of the two streams carried a time that was not believed."""
+        euler, quaternion = self._state["unbelieved"][0].tolist()
+        return euler, quaternion
 
     def read(self, batch: SortedFrames, share: Share, received: int) -> tuple[TimedMessages, list[ClockChange]]:
         """Take a component's next messages; `received`: how many frames of it came before.

@@ -71,6 +71,11 @@ class VehicleReader:
         return bool(known) and known[-1]
 
     @property
+    def unbelieved(self) -> tuple[int, int]:
+        """How many messages of each of the two streams carried a time that was not believed."""
+        return self._clock.unbelieved
+
+    @property
     def seen(self) -> tuple[int, int] | None:
         """Index and receive time of the frame that first made it a vehicle."""
         return self._seen

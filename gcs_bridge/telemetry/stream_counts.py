@@ -63,11 +63,10 @@ def _count(of, t_us):  # type: ignore[no-untyped-def]  # typed by numba
 def _count_receipt(of, step_us, t_rx_us):  # type: ignore[no-untyped-def]  # typed by numba
     """Count the interval before a sample by its receive time; `step_us`: by its own."""
     rx_step_us = t_rx_us - of.rx_us
-    if of.count > 1 and of.rx_us >= 0:
-        of.standing += step_us == 0
-        if 0 < rx_step_us <= _SILENCE_US:
-            of.rx_intervals += 1
-            of.rx_spent_us += rx_step_us
+    of.standing += of.count > 1 and step_us == 0
+    if of.count > 1 and of.rx_us >= 0 and 0 < rx_step_us <= _SILENCE_US:
+        of.rx_intervals += 1
+        of.rx_spent_us += rx_step_us
     of.rx_us = t_rx_us
 
 

@@ -36,6 +36,11 @@ TURNING = spinning(deg_s=5)
 S = 1_000_000
 
 
+def varied(first: Any, *others: Any) -> list[Any]:
+    """The first value every day, the others with the slow tests."""
+    return [first, *(pytest.param(other, marks=pytest.mark.slow) for other in others)]
+
+
 def heard(records: Iterable[Record], **how: Any) -> tuple[list[Json], list[Json]]:
     """Events, and the entries of the vehicles in the report."""
     monitor = Monitor(**how)
@@ -98,7 +103,7 @@ def transfer(make: Any, begin_s: float, end_s: float, hz: float) -> list[tuple[f
     return [(begin_s + i / hz, make(i)) for i in range(number)]
 
 
-@pytest.mark.parametrize("make", [parameter_number, mission_item, mission_request, file_piece, log_data])
+@pytest.mark.parametrize("make", varied(parameter_number, mission_item, mission_request, file_piece, log_data))
 @pytest.mark.parametrize(("seconds", "hz"), [(11, 50), (5, 4), (40, 1), (25, 10)])
 def test_a_transfer_stops_the_streams(make: Any, seconds: float, hz: float) -> None:
     """No alarm: NO COMPARE from two seconds on until it is over."""
@@ -171,7 +176,7 @@ def test_a_real_flight_whose_attitudes_stop(keep: Sequence[int], seconds: float)
 
 
 @pytest.mark.parametrize("hz", [1, 4, 25, 50])
-@pytest.mark.parametrize("seconds", [9, 60])
+@pytest.mark.parametrize("seconds", varied(9, 60))
 def test_heartbeats_alone(hz: float, seconds: float) -> None:
     """Whatever the rate was: five of its periods, two seconds at the least, and the next heartbeat."""
     made = craft(**stopped(40, 40 + seconds), hz=hz, second_hz=1)
@@ -207,9 +212,9 @@ def flown_by(*sysids: int, imu: Change | None = true) -> list[Record]:
     return sorted(several, key=lambda record: record[0])
 
 
-@pytest.mark.parametrize("pause_s", [3, 10, 60, 600])
-@pytest.mark.parametrize("sysids", [(1,), (1, 2, 3)])
-@pytest.mark.parametrize("at_s", [20.0, 20.012, 20.032])
+@pytest.mark.parametrize("pause_s", varied(10, 3, 60, 600))
+@pytest.mark.parametrize("sysids", varied((1,), (1, 2, 3)))
+@pytest.mark.parametrize("at_s", varied(20.0, 20.012, 20.032))
 def test_a_receiver_that_is_suspended(pause_s: float, sysids: Sequence[int], at_s: float) -> None:
     """No alarm, no stale stream, no lost vehicle; that the receiver paused is told once, and in the report."""
     events, vehicles = heard(paused(flown_by(*sysids), at_s, pause_s))
@@ -221,6 +226,7 @@ def test_a_receiver_that_is_suspended(pause_s: float, sysids: Sequence[int], at_
         assert "the receiver paused once" in check(vehicle, "stream")["reason"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pause_s", [3, 10, 600])
 def test_a_receiver_that_is_suspended_while_it_listens(pause_s: float) -> None:
     """The same as datagrams of a live link, while nobody could say that time passed."""
@@ -234,6 +240,7 @@ def test_a_receiver_that_is_suspended_while_it_listens(pause_s: float) -> None:
     assert monitor.close().to_dict()["verdict"] == "agree"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pause_s", [3, 10, 60])
 def test_what_waited_while_the_receiver_slept_comes_at_once(pause_s: float) -> None:
     """All of the time in which it slept arrives with one receive time: a pause, told once, and no alarm."""
@@ -283,9 +290,9 @@ def test_time_that_is_known_to_pass_is_a_silence_at_once() -> None:
 # --- restarts ---
 
 
-def sender(sysid: int = 1) -> Any:
-    """A counter of one vehicle's frames, from 0 on, and how each becomes bytes."""
-    numbers = count()
+def sender(sysid: int = 1, first: int = 0) -> Any:
+    """A counter of one vehicle's frames, and how each becomes bytes."""
+    numbers = count(first)
     return lambda message: wire.pack(message, seq=next(numbers), sysid=sysid)
 
 
@@ -309,11 +316,16 @@ def heartbeat() -> Any:
     return mavlink.MAVLink_heartbeat_message(wire.QUADROTOR, wire.ARDUPILOT, 81, 0, 4, 3)
 
 
-def restarted(others: Sequence[Any], silent_s: float, seconds: float = 30.0, hz: float = 4.0) -> list[Record]:
-    """Thirty seconds of flight with these messages, and then a new start that sends them and heartbeats, no attitude."""
+def restarted(
+    others: Sequence[Any], silent_s: float, seconds: float = 30.0, hz: float = 4.0, *, first: int = 0
+) -> list[Record]:
+    """Thirty seconds of flight with these messages, and then a new start that sends them and heartbeats alone.
+
+    `first`: the number of its first frame that was heard.
+    """
     also = [(i / hz, make(round(1000 * (BOOT_S + i / hz)))) for i in range(round(30 * hz)) for make in others]
     records = craft(also=also).records(30)
-    send, begin_us = sender(), wire.START_US + round((30 + silent_s) * S)
+    send, begin_us = sender(first=first), wire.START_US + round((30 + silent_s) * S)
     for i in range(round(seconds * hz)):
         ms = 1500 + round(1000 * i / hz)
         said = [*([heartbeat()] if i % round(hz) == 0 else []), *(make(ms) for make in others)]
@@ -326,7 +338,7 @@ def restarted(others: Sequence[Any], silent_s: float, seconds: float = 30.0, hz:
     [[system_time], [imu], [position], [pressure, position], [imu, system_time]],
     ids=lambda made: "+".join(one.__name__ for one in made),
 )
-@pytest.mark.parametrize("silent_s", [0.5, 2, 6, 20])
+@pytest.mark.parametrize("silent_s", varied(2, 0.5, 6, 20))
 def test_a_restart_that_other_messages_show(others: Sequence[Any], silent_s: float) -> None:
     """The boot is over, the new one is in the report, and its streams did not stop: they never began."""
     events, vehicle = one(restarted(others, silent_s))
@@ -349,9 +361,10 @@ def test_a_restart_that_the_sequence_alone_shows(silent_s: float) -> None:
 
 
 @pytest.mark.parametrize("booting_s", [0, 5, 9, 15])
-def test_a_restart_after_which_heartbeats_come_first(booting_s: float) -> None:
-    """The attitudes follow when it has booted: one restart, and no alarm."""
-    records = restarted([], 3, booting_s)
+@pytest.mark.parametrize("first", varied(0, 3, 25))
+def test_a_restart_after_which_heartbeats_come_first(booting_s: float, first: int) -> None:
+    """The attitudes follow when it has booted, some of its first frames were lost: one restart, and no alarm."""
+    records = restarted([], 3, booting_s, first=first)
     begin_us = 33 * S + round(booting_s * S)
     after = craft(boot_s=3.0 + booting_s).records(20)
     events, vehicle = one([*records, *((t_us + begin_us, frame) for t_us, frame in after)])
@@ -360,8 +373,16 @@ def test_a_restart_after_which_heartbeats_come_first(booting_s: float) -> None:
     assert alarms(vehicle) == []
 
 
+def test_numbers_that_go_on_are_no_restart() -> None:
+    """A silence of four seconds, and heartbeats alone whose numbers go on behind it: a fault of the streams."""
+    records = restarted([], 4, 20, first=100)
+    _, vehicle = one(records)
+    assert [alarm["raised_boot_s"] for alarm in alarms(vehicle)] == pytest.approx([32.0] * 2, abs=1.1)
+    assert len(vehicle["boots"]) == 1
+
+
 def test_a_lost_stretch_of_frames_is_no_restart() -> None:
-    """Frames are missing for three seconds and the next number is 2, as it may be: the time goes on, so does the boot."""
+    """Frames are missing for three seconds and the next number is 2, as it may be: the time and the boot go on."""
     records = [record for record in flown_by(1) if not 20 <= (record[0] - wire.START_US) / S < 23]
     first = next(i for i, (t_us, _) in enumerate(records) if t_us >= wire.START_US + 23 * S)
     send = sender()
@@ -377,6 +398,7 @@ def test_a_lost_stretch_of_frames_is_no_restart() -> None:
 
 
 @pytest.mark.parametrize("pattern", ["ab", "aab", "abb", "aaaabbb", "aababbbaab", "a" * 40 + "b" * 40])
+@pytest.mark.slow
 @pytest.mark.parametrize("older_s", [600.0, 90.0, 5000.0])
 def test_backlogs_of_two_boots_are_two_boots(pattern: str, older_s: float) -> None:
     """What was kept of the boot before comes between what is new: one restart."""
@@ -436,8 +458,8 @@ def with_frames(records: list[Record], *more: tuple[float, list[bytes]]) -> list
     return sorted([*records, *added], key=lambda record: record[0])
 
 
-@pytest.mark.parametrize("how", WAYS)
-@pytest.mark.parametrize("rate_hz", [10, 5, 4, 2, 1])
+@pytest.mark.parametrize("how", varied(*WAYS))
+@pytest.mark.parametrize("rate_hz", varied(4, 10, 5, 2, 1))
 def test_a_rate_that_was_asked_for(how: str, rate_hz: float) -> None:
     """No warning, and who asked, how, for what."""
     records = with_frames(at_rates((60.7, rate_hz)), (60.0, asked(how, rate_hz)))
@@ -462,6 +484,7 @@ def test_a_rate_that_is_told_by_a_parameter_alone() -> None:
     assert (event["by"], event["how"], event["rate_hz"]) == (None, "SR1_EXTRA1", 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", WAYS)
 def test_a_higher_rate_and_back(how: str) -> None:
     """From 5 to 20 Hz and back to 5, each asked for: nothing; back to 5 without a word: a warning."""
@@ -472,7 +495,7 @@ def test_a_higher_rate_and_back(how: str) -> None:
     assert alarms(one(with_frames(records, (119.9, asked(how, 5))))[1]) == []
 
 
-@pytest.mark.parametrize("how", WAYS)
+@pytest.mark.parametrize("how", varied(*WAYS))
 def test_slower_than_was_asked_for_is_slow(how: str) -> None:
     """Ten a second were asked for, and four come: a warning with the first five seconds."""
     _, vehicle = one(with_frames(at_rates((60.7, 4)), (60.0, asked(how, 10))))
@@ -533,8 +556,8 @@ def with_stuck_clock(records: Iterable[Record], stuck_ms: int, from_s: float = 0
     return stuck
 
 
-@pytest.mark.parametrize("stuck_ms", [0, 1, 77_000, 4_000_000_000])
-@pytest.mark.parametrize("hz", [5, 20, 50])
+@pytest.mark.parametrize("stuck_ms", varied(0, 1, 77_000, 4_000_000_000))
+@pytest.mark.parametrize("hz", varied(20, 5, 50))
 @pytest.mark.parametrize("also_imu", [False, True])
 def test_a_clock_that_stands_still(stuck_ms: int, hz: float, also_imu: bool) -> None:
     """Nothing can be compared, and that is said; the rate is told by receipt."""
@@ -549,6 +572,32 @@ def test_a_clock_that_stands_still(stuck_ms: int, hz: float, also_imu: bool) -> 
         assert vehicle["streams"][name]["rate_hz"] == pytest.approx(hz, rel=0.02)
     (no_compare,) = told(events, "no_compare")
     assert "the clock stands still" in no_compare["reason"]
+
+
+@pytest.mark.parametrize("stuck_ms", [0, 77_000])
+def test_a_clock_that_stands_still_and_is_told_without_receive_times(stuck_ms: int) -> None:
+    """Raw bytes: nothing tells how often they came."""
+    monitor = Monitor()
+    for _, frame in with_stuck_clock(craft().records(20), stuck_ms):
+        monitor.feed(frame, -1)
+    ((vehicle,),) = [entry["vehicles"] for entry in monitor.close().to_dict()["files"]]
+    assert check(vehicle, "euler_quaternion")["reason"].startswith("the clock stands still")
+    assert {stream["rate_hz"] for stream in vehicle["streams"].values()} == {None}
+
+
+@pytest.mark.parametrize("boot_s", [BOOT_S, 500.0])
+def test_one_stream_whose_times_stand_still(boot_s: float) -> None:
+    """ATTITUDE_QUATERNION with the time 0 beside an ATTITUDE that goes on: it came, and its times are of no use."""
+    of_quaternion = mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
+    stuck = [
+        with_stuck_clock([record], 0)[0] if int.from_bytes(record[1][7:10], "little") == of_quaternion else record
+        for record in craft(boot_s=boot_s).records(30)
+    ]
+    events, vehicle = one(stuck)
+    assert told(events, "reboot") == []
+    entry = check(vehicle, "euler_quaternion")
+    assert entry["verdict"] == "no_compare"
+    assert "the times of ATTITUDE_QUATERNION do not go on" in entry["reason"]
 
 
 def test_a_clock_that_stands_still_for_a_time() -> None:
@@ -582,6 +631,7 @@ def several_stories() -> list[tuple[str, list[Record]]]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "records"), several_stories(), ids=[name for name, _ in several_stories()])
 def test_the_cut_into_pieces_changes_nothing(name: str, records: list[Record]) -> None:
     """Whole, in pieces of some hundred bytes, and frame by frame: the same events, the same report."""

@@ -82,10 +82,13 @@ def test_sixteen_vehicles_on_one_link() -> None:
         data = inject((SITL / f"{name}.tlog").read_bytes(), [parse_fault(fault) for fault in faults])
         flights[sysid] = list(readdressed(data, sysid))
     end_us = max(t_us for records in flights.values() for t_us, _ in records)
-    bystander = (end_us, wire.heartbeat(autopilot=wire.NO_AUTOPILOT, vehicle=wire.GROUND_STATION, sysid=255))
+    beat = wire.heartbeat(autopilot=wire.NO_AUTOPILOT, vehicle=wire.GROUND_STATION, sysid=255)
+    bystander = [(t_us, beat) for t_us in (*range(wire.START_US, end_us, 1_000_000), end_us)]
+    flights[255] = bystander
     together = judged(record for _, record in heapq.merge(*map(by_time, flights.values()), key=lambda one: one[0]))
-    assert together.keys() == flights.keys()
+    assert together.keys() == flights.keys() - {255}
     for sysid, (name, _, wrong) in enumerate(FLOWN, start=11):
-        (alone,) = judged([*flights[sysid], bystander]).values()
+        of_both = map(by_time, (flights[sysid], bystander))
+        (alone,) = judged(record for _, record in heapq.merge(*of_both, key=lambda one: one[0])).values()
         assert together[sysid] == alone, name
         assert {alarm["check"] for alarm in alone["alarms"]} == wrong, name

@@ -128,6 +128,40 @@ def test_three_reboots_are_three() -> None:
     assert told.boot[-1] == 3
 
 
+def test_what_comes_of_the_boot_before_is_no_boot() -> None:
+    """Between the messages of the new one, going on where the old one had come to: not used, and nothing restarts."""
+    old, new = list(range(600_000, 604_000, 100)), list(range(2000, 6000, 100))
+    mixed = [*old[:10], *(t for pair in zip(old[10:], new[:30], strict=True) for t in (pair[1], pair[1] + 50, pair[0]))]
+    told = Statement([*mixed, *new[30:]])
+    assert told.kinds == ["reboot"]
+    assert [ms for ms, boot in zip([*mixed, *new[30:]], told.boot, strict=True) if boot is None] == old[10:]
+    assert {boot for ms, boot in zip([*mixed, *new[30:]], told.boot, strict=True) if ms < 100_000} == {1}
+
+
+def test_a_clock_that_only_ever_comes_between_another_ones_messages() -> None:
+    """Strictly in turn no two of it confirm each other: with the fifth it is believed, and the old one is late."""
+    old, new = range(600_000, 603_000, 100), range(2000, 5000, 100)
+    told = Statement([t for pair in zip(old, new, strict=True) for t in pair])
+    assert told.kinds == ["reboot"]
+    assert told.boot[:9] == [0, None] * 4 + [0]
+    assert told.boot[9:] == [1, None] * 25 + [1]
+
+
+def test_one_and_the_same_wrong_time_is_no_clock() -> None:
+    """A sender that leaves the time at 0, beside messages that go on: not believed, however often it comes."""
+    told = Statement([t for ms in range(500_000, 520_000, 100) for t in (ms, 0, 0)])
+    assert (told.kinds, {boot for boot in told.boot if boot is not None}) == ([], {0})
+    assert told.believed == [True, False, False] * 200
+
+
+@pytest.mark.parametrize("lasted_ms", [7500, 9000, 30_000])
+def test_the_third_boot_is_not_taken_for_the_first(lasted_ms: int) -> None:
+    """A vehicle that restarts again and again, each time near zero."""
+    told = Statement([t for last in (lasted_ms, 12_000, 20_000) for t in range(1000, last, 100)])
+    assert told.kinds == ["reboot"] * 2
+    assert all(told.believed)
+
+
 @pytest.mark.parametrize("late_ms", [1, 40, 1000, 4700])
 def test_what_comes_late_stays_in_its_boot(late_ms: int) -> None:
     """Frames reordered by up to 4.7 s were seen: they have their own time, and nothing has rebooted."""
