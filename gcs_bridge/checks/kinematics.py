@@ -224,7 +224,7 @@ def _judge_step(votes, watched, limits, stream, i):  # type: ignore[no-untyped-d
     told = told_by_rates(stream.turning, speed0, speed1, h_s)
     # Exactly zero at both ends of a turn, rates are not reported.
     reported = speed0 != 0.0 or speed1 != 0.0 or length(turn) <= _STILL_RAD
-    beyond = max(speed0, speed1) > BEYOND_GYROS_RAD_S
+    beyond = BEYOND_GYROS_RAD_S < max(speed0, speed1) < np.inf
     usable = reported and np.isfinite(residual)
     # The turn that the mean of the rates at both ends makes.
     half = 0.5 * h_s
