@@ -118,7 +118,7 @@ def test_what_comes_late_is_left_out() -> None:
 
 @pytest.mark.parametrize(("zeros", "broken"), [(50, True), (49, False)])
 def test_an_imu_of_zeros_is_unusable(zeros: int, broken: bool) -> None:
-    """Fifty samples in a row that are zeros in all axes, the force included; a gyro of zeros beside a force is at rest."""
+    """Fifty samples in a row that are zeros, the force included; a gyro of zeros beside a force is one at rest."""
     usable, rows = Usable(), np.arange(zeros)
     usable.follow(np.zeros((zeros, 3)), np.full((zeros, 3), 9.8), rows, rows)
     assert not usable.breaks

@@ -107,7 +107,7 @@ def rpy_of(message: Any) -> Array:
 
 
 def test_rates_of_the_angles_are_sent_by_both_messages() -> None:
-    """Both carry what their angles change by; turned back with the angles it is the body's rates. Nothing else changes."""
+    """Both carry what their angles change by; turned back with the angles it is the body's rates."""
     data = recording("b_copter_acro", 3000)
     pairs = changed(data, faulty(data, "euler_rates"))
     assert {before.msgid for before, _ in pairs} == {ATTITUDE, QUATERNION}
