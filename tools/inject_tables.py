@@ -54,7 +54,8 @@ def mistakes() -> Iterator[tuple[str, ...]]:
         (vehicle,) = judged(name, from_s=FROM_S)["vehicles"]
         first = {alarm["check"]: alarm for alarm in reversed(vehicle["alarms"])}
         alarm = first.pop("euler_quaternion", None)
-        told = ("never", "–", "–", "–", "–")
+        of_others = (other["diagnosis"] for other in first.values() if other["diagnosis"] is not None)
+        told = ("never", "–", "–", "–", named(next(of_others, None)))
         if alarm is not None:
             after_s = datetime.fromisoformat(alarm["raised_utc"]).timestamp() - start_s - FROM_S
             sizes = (

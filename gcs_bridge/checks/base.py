@@ -77,15 +77,6 @@ def is_known(numbers):  # type: ignore[no-untyped-def]  # typed by numba
     return known
 
 
-@kernel
-def all_known(rows: FloatRows) -> bool:
-    """Whether all samples (n, k) hold numbers only."""
-    known = True
-    for row in rows:
-        known &= is_known(row)
-    return known
-
-
 @helper
 def is_dead(force, numbers):  # type: ignore[no-untyped-def]  # typed by numba
     """Whether a sample's specific force, and some numbers beside it, are zeros: no sensor measures that for long."""
@@ -98,12 +89,13 @@ def is_dead(force, numbers):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @kernel
-def count_dead(force: FloatRows, numbers: FloatRows) -> int:
-    """How many samples (n, 3) are zeros."""
-    n = 0
-    for i in range(len(force)):
-        n += is_dead(force[i], numbers[i])
-    return n
+def tell_apart(rows: FloatRows, force: FloatRows) -> tuple[bool, int]:
+    """Whether all samples (n, k) hold numbers only; how many are zeros, their `force` (n, 3) included."""
+    known, dead = True, 0
+    for i in range(len(rows)):
+        known &= is_known(rows[i])
+        dead += is_dead(force[i], rows[i])
+    return known, dead
 
 
 class Break(NamedTuple):
@@ -127,10 +119,10 @@ class Usable:
     def follow(self, numbers: Floats, force: Floats, t_us: Int64s, frame_index: Int64s) -> None:
         """Take the next samples (n, k): those with NaN in them mean nothing, nor do zeros beside a `force` of zero."""
         self.breaks = []
-        dead = count_dead(force, numbers)
+        all_known, dead = tell_apart(numbers, force)
         self.dead += dead
         self.samples += len(numbers)
-        if not self.broken and not dead and all_known(numbers):
+        if not self.broken and not dead and all_known:
             self._unknown = self._zeros = 0
             return
         zeros = ((numbers == 0.0).all(axis=1) & (force == 0.0).all(axis=1)).tolist()

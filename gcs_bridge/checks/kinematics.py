@@ -51,6 +51,7 @@ _STEADY = 0.9
 _FAR_RAD = math.radians(30.0)  # the attitude turns, over the window
 # Of turning and rates over the window, healthy within 0.3 deg/s + 2 %.
 _TURN_RAD_S, _TURN_SHARE, _TURN_STILL_RAD_S = math.radians(1.0), 0.15, math.radians(10.0)
+_TURN_PER_CHANGE = 0.2  # of what the rates change by from sample to sample, in the root mean square
 # Slots of `_Stream.lately`: what the attitude turned, the largest rates, by how much the rates missed the turn (each
 # about three axes), the latter's size, and since when it was not to one side, s; whether rates were beyond any gyro.
 _WANDER, _RATES, _MISSED, _MISSED_SIZE, _SIDES_S, _BEYOND = 0, 3, 6, 9, 10, 11
@@ -224,7 +225,7 @@ def _judge_step(votes, watched, limits, stream, i):  # type: ignore[no-untyped-d
     told = told_by_rates(stream.turning, speed0, speed1, h_s)
     # Exactly zero at both ends of a turn, rates are not reported.
     reported = speed0 != 0.0 or speed1 != 0.0 or length(turn) <= _STILL_RAD
-    beyond = max(speed0, speed1) > BEYOND_GYROS_RAD_S
+    beyond = BEYOND_GYROS_RAD_S < max(speed0, speed1) < np.inf
     usable = reported and np.isfinite(residual)
     # The turn that the mean of the rates at both ends makes.
     half = 0.5 * h_s
@@ -291,6 +292,7 @@ def _judge_step(votes, watched, limits, stream, i):  # type: ignore[no-untyped-d
         value = length((detail[2], detail[3], detail[4])) if scale <= 1.0 else 0.0  # else the scale tells it
         far, rate = length(turned), max(length(turned), length(by_rates)) / span_s
         allowed = _TURN_SHARE * rate + (_TURN_RAD_S if far > _FAR_RAD else _TURN_STILL_RAD_S)
+        allowed += _TURN_PER_CHANGE * np.sqrt((of[9] + of[10] + of[11]) / span_s)
         vote(votes, stream.places[_TURN], frame_index, t_us, value, allowed, detail)
 
 

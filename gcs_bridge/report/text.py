@@ -78,6 +78,9 @@ def _vehicle(vehicle: Vehicle, detail: int) -> Iterator[str]:
         yield from _row(f"boot {boot.index}", _boot(boot))
     for reset in vehicle.resets:
         yield from _row("reset", _reset(reset))
+    started = {check.reason.partition("; ")[0] for check in vehicle.checks if check.reason.startswith(_START_UP)}
+    for said in sorted(started):
+        yield from _row(_START_UP, one_line(said.removeprefix(f"{_START_UP} ")))
     streams = [_stream(name, stream, detail) for name, stream in vehicle.streams.items()]
     yield from _row("streams", ", ".join(map(_whole, streams)) or "none")
     for check in vehicle.checks:
@@ -137,9 +140,10 @@ def _findings(check: Check, detail: int) -> str:
             said.append(f"judged {_percent(check.coverage)} of the time")
             if check.lag_ms is not None:
                 said.append(f"lag {_value(check.lag_ms, 'ms')}")
-    reason = [one_line(check.reason)] if check.reason and not quiet else []
-    if quiet and check.reason.startswith(_START_UP):
-        reason = [one_line(check.reason.partition(":")[0])]
+    told = check.reason
+    if told.startswith(_START_UP):  # it has a row of its own
+        told = told.partition("; ")[2] or told
+    reason = [one_line(told)] if told and not quiet else []
     return "; ".join([*map(_whole, said), *reason])
 
 

@@ -116,6 +116,18 @@ def test_what_comes_late_is_left_out() -> None:
 # --- usable ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(("zeros", "broken"), [(50, True), (49, False)])
+def test_an_imu_of_zeros_is_unusable(zeros: int, broken: bool) -> None:
+    """Fifty samples in a row that are zeros, the force included; a gyro of zeros beside a force is one at rest."""
+    usable, rows = Usable(), np.arange(zeros)
+    usable.follow(np.zeros((zeros, 3)), np.full((zeros, 3), 9.8), rows, rows)
+    assert not usable.breaks
+    usable.follow(np.zeros((zeros, 3)), np.zeros((zeros, 3)), rows, rows)
+    assert usable.broken is broken
+    usable.follow(np.ones((1, 3)), np.ones((1, 3)), rows[:1], rows[:1])
+    assert not usable.broken
+
+
 def breaks(known: Sequence[bool], cuts: Sequence[int] = ()) -> list[tuple[int, bool]]:
     """At which sample a source became unusable, or usable again."""
     usable, found = Usable(), []

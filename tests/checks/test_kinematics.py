@@ -18,6 +18,7 @@ from tests.helpers.craft import (
     judged,
     one_sided,
     rotvec,
+    rpy,
     spinning,
     swaying,
     told,
@@ -224,3 +225,66 @@ def test_a_leap_that_the_rates_explain() -> None:
     crafted: Callable[[float], tuple[Any, Array]] = turn
     events, _ = watched(Craft(turn=crafted).records(12))
     assert told(events, "estimator_reset") == []
+
+
+# --- rates that mean something else --------------------------------------------------------------------------------
+
+
+def turning(bank_deg: float, deg_s: float) -> Callable[[float], tuple[Any, Array]]:
+    """A level turn to the right at a constant bank: the heading changes by `deg_s`."""
+
+    def turn(t_s: float) -> tuple[Any, Array]:
+        rotation = rpy(roll=bank_deg, yaw=deg_s * t_s)
+        return rotation, rotation.inv().apply([0.0, 0.0, np.radians(deg_s)])
+
+    return turn
+
+
+def as_angles(_: float, state: State) -> State:
+    """How fast roll, pitch and yaw change, in the body rates' place: in a level turn the yaw alone."""
+    down_b = state.rotation.inv().apply([0.0, 0.0, 1.0])
+    return state._replace(rates=np.array([0.0, 0.0, float(state.rates @ down_b)]))
+
+
+@pytest.mark.parametrize("hz", [10, 25])
+@pytest.mark.parametrize(("bank", "deg_s"), [(20, 20), (45, 28), (60, 20), (-45, -15)])
+def test_rates_of_the_angles(bank: float, deg_s: float, hz: float) -> None:
+    """In a banked turn the angles' rates are not the body's: a warning of each stream, which names the cause."""
+    found = alarms(judged(Craft(turn=turning(bank, deg_s), hz=hz, **two_sided(as_angles)), 40), "kinematics")
+    assert [alarm["severity"] for alarm in found] == ["warning", "warning"]
+    assert {alarm["diagnosis"]["cause"] for alarm in found} == {"euler_rates"}
+    assert {alarm["diagnosis"]["confidence"] for alarm in found} == {"certain"}
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_rates_of_the_angles_in_one_message(side: str) -> None:
+    """One of both is enough for its warning; it is named as far as both messages do not contradict it."""
+    craft = Craft(turn=turning(45, 28), hz=20, **one_sided(side, as_angles))
+    (warning,) = alarms(judged(craft, 40), "kinematics")
+    assert warning["what"] == f"{SIDES[side]} turns otherwise than its rates say"
+
+
+@pytest.mark.parametrize(("bank", "deg_s"), [(0, 20), (20, 20), (45, 28), (70, 40)])
+def test_a_banked_turn_is_healthy(bank: float, deg_s: float) -> None:
+    """The same turns with the body's rates, also 0.3 °/s and 2 % off."""
+    off = with_rates(lambda rates: 1.02 * rates + np.radians([0.3, 0, 0]))
+    for change in (lambda _, state: state, off):
+        assert alarms(judged(Craft(turn=turning(bank, deg_s), **two_sided(change)), 40)) == []
+
+
+@pytest.mark.parametrize("rad_s", [41.0, 202.0, 1e6])
+def test_rates_beyond_any_gyro(rad_s: float) -> None:
+    """A warning of both streams, whatever else there is; gravity is judged, also half-way between two attitudes."""
+    garbage = with_rates(lambda rates: rates + np.array([0.0, rad_s, 0.0]))
+    vehicle = judged(Craft(imu=lambda _, state: state, hz=10, **two_sided(garbage)), 30)
+    found = alarms(vehicle)
+    assert [(alarm["check"], alarm["severity"]) for alarm in found] == [("kinematics", "warning")] * 2
+    assert found[0]["what"] == "the rates of ATTITUDE are beyond any gyro"
+    assert check(vehicle, "gravity")["verdict"] == "agree"
+    assert "beyond any gyro" in check(vehicle, "gyro")["reason"]
+
+
+def test_rates_that_miss_a_vehicle_at_rest() -> None:
+    """20 °/s in the rates of a vehicle that does not turn: a warning, as no swing goes to one side for ten seconds."""
+    found = alarms(judged(Craft(**two_sided(with_rates(lambda rates: rates + np.radians([20.0, 0, 0])))), 40))
+    assert [(alarm["check"], alarm["severity"]) for alarm in found] == [("kinematics", "warning")] * 2

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.helpers.craft import Change, Craft, State, alarms, between, check, judged, rotvec, true
+from tests.helpers.craft import Change, Craft, State, alarms, between, check, judged, rotvec, rpy, still, true
 
 
 def compass_off(deg: float) -> Change:
@@ -37,3 +37,18 @@ def test_no_compass() -> None:
     """Without a field there is nothing to compare."""
     assert check(judged(Craft(), 5), "mag_heading")["verdict"] == "no_compare"
     assert check(judged(Craft(imu=true, hz=10), 15), "mag_heading")["verdict"] == "agree"
+
+
+@pytest.mark.parametrize(("bank", "remark"), [(0, True), (20, False)])
+def test_while_banked_more_is_usual(bank: float, remark: bool) -> None:
+    """40° are a hint while level; above 10° of bank 60° would be."""
+    vehicle = judged(Craft(turn=still(rpy(roll=bank)), imu=between(25, 30, compass_off(40)), hz=10), 35)
+    assert ("a hint, no alarm" in check(vehicle, "mag_heading")["reason"]) == remark
+
+
+def test_a_heading_that_no_compass_made() -> None:
+    """A field that turns round and round agrees with the heading by chance alone: no agreement, and that is why."""
+    round_and_round: Change = lambda t_s, state: compass_off(40 * t_s)(t_s, state)
+    entry = check(judged(Craft(imu=round_and_round, hz=10), 60), "mag_heading")
+    assert entry["verdict"] == "no_compare"
+    assert entry["reason"].startswith("the compass and the heading never agreed for long")

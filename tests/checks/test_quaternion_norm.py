@@ -2,7 +2,18 @@
 
 import pytest
 
-from tests.helpers.craft import Craft, State, alarms, between, check, judged, turned_in_world, watched, with_norm
+from tests.helpers.craft import (
+    Change,
+    Craft,
+    State,
+    alarms,
+    between,
+    check,
+    judged,
+    turned_in_world,
+    watched,
+    with_norm,
+)
 
 BEGIN_S, END_S = 4.0, 8.0  # of the fault; samples come every 0.05 s
 RAISED_S = BEGIN_S + 0.1 + 1.0  # with the third bad sample pending, a second later raised
@@ -82,3 +93,19 @@ def test_a_warning_that_outlasts_the_alarm_is_told() -> None:
     assert alarm["cleared_boot_s"] == pytest.approx(CLEARED_S)
     assert warning["raised_boot_s"] >= CLEARED_S - 1e-6
     assert warning["cleared_boot_s"] == pytest.approx(25.1 + 2.0)
+
+
+@pytest.mark.parametrize("of_three", [3, 2])
+def test_quaternions_of_zeros(of_three: int) -> None:
+    """All four zero, always or two times of three: an alarm that says so, and none of the norm."""
+    none: Change = lambda t_s, state: state._replace(norm=0.0 if round(t_s * 20) % 3 < of_three else 1.0)
+    found = alarms(judged(Craft(quaternion=none), 20), "quaternion_norm")
+    assert {alarm["what"] for alarm in found} == {"ATTITUDE_QUATERNION is all four zero: no attitude"}
+    assert found[0]["is_not"] == "not a stream that is missing: it comes, with nothing in it"
+
+
+def test_zeros_for_a_while() -> None:
+    """Zeros from 5 to 9 s: the alarm goes with them."""
+    (alarm,) = alarms(judged(Craft(quaternion=between(5, 9, with_norm(0.0))), 20), "quaternion_norm")
+    assert alarm["raised_boot_s"] == pytest.approx(5.0 + 0.1 + 1.0)
+    assert alarm["cleared_boot_s"] == pytest.approx(9.0 + 0.1 + 2.0, abs=0.06)

@@ -204,7 +204,9 @@ def test_the_list_names_every_fault(capsys: pytest.CaptureFixture[str]) -> None:
     """--list ends well; each of its rows can be typed with the default shown, and no fault is missing."""
     assert main(["inject", "--list"]) == 0
     rows = re.findall(
-        r"^(\w+) +(ATTITUDE|ATTITUDE_QUATERNION|any message) +(\S+) +(.*)$", capsys.readouterr().out, re.MULTILINE
+        r"^(\w+) +(ATTITUDE|ATTITUDE_QUATERNION|both messages|any message) +(\S+) +(.*)$",
+        capsys.readouterr().out,
+        re.MULTILINE,
     )
     assert {name for name, *_ in rows} == {name for name, cause in CAUSES.items() if cause.falsify} | set(LINK_FAULTS)
     shown = {name: (falsifies, default, allowed) for name, falsifies, default, allowed in rows}

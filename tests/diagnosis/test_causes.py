@@ -145,6 +145,12 @@ def test_euler_angles_by_hand(name: str, rpy: list[float], expected: list[float]
     np.testing.assert_allclose(sent(name, [rpy]), [expected], rtol=0, atol=1e-13)
 
 
+def test_rates_of_the_angles_by_hand() -> None:
+    """At 60° of roll a nose that turns to the right at 1 rad/s turns as q = sin 60°, r = cos 60°; the angles stay."""
+    rpy, body = [math.pi / 3, 0.0, 0.2], [0.0, math.sqrt(0.75), 0.5]
+    np.testing.assert_allclose(sent("euler_rates", [[*rpy, *body]]), [[*rpy, 0.0, 0.0, 1.0]], rtol=0, atol=1e-15)
+
+
 def test_time_goes_forward_with_the_skew() -> None:
     """A positive skew makes the stamp late."""
     assert sent("time_skew", [1000, 1040]).tolist() == [1150, 1190]

@@ -99,6 +99,32 @@ def changed(before: bytes, after: bytes) -> list[tuple[Record, Record]]:
     return [(one, other) for one, other in pairs if one.frame != other.frame]
 
 
+def rpy_of(message: Any) -> Array:
+    """Roll, pitch and yaw of either attitude message, by SciPy."""
+    if message.get_msgId() == ATTITUDE:
+        return np.array([message.roll, message.pitch, message.yaw])
+    return Rotation.from_quat([message.q2, message.q3, message.q4, message.q1]).as_euler("ZYX")[::-1]
+
+
+def test_rates_of_the_angles_are_sent_by_both_messages() -> None:
+    """Both carry what their angles change by; turned back with the angles it is the body's rates."""
+    data = recording("b_copter_acro", 3000)
+    pairs = changed(data, faulty(data, "euler_rates"))
+    assert {before.msgid for before, _ in pairs} == {ATTITUDE, QUATERNION}
+    assert len(pairs) > 0.9 * sum(record.msgid in (ATTITUDE, QUATERNION) for record in records(data)) > 500
+    for before, after in pairs:
+        roll, pitch, _ = rpy_of(before.message)
+        phi, theta, psi = after.message.rollspeed, after.message.pitchspeed, after.message.yawspeed
+        back = [
+            phi - psi * np.sin(pitch),
+            theta * np.cos(roll) + psi * np.cos(pitch) * np.sin(roll),
+            psi * np.cos(pitch) * np.cos(roll) - theta * np.sin(roll),
+        ]
+        was = [before.message.rollspeed, before.message.pitchspeed, before.message.yawspeed]
+        np.testing.assert_allclose(back, was, rtol=1e-5, atol=1e-5)
+        assert packed_anew(before, rollspeed=phi, pitchspeed=theta, yawspeed=psi) == after.frame
+
+
 def without_signature(frame: bytes) -> bytes:
     """A frame as it would have been sent unsigned, checksum aside."""
     return frame[:2] + b"\0" + frame[3:-15] if frame[0] == 0xFD and frame[2] & 1 else frame[:-2]

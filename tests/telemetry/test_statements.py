@@ -16,6 +16,7 @@ from gcs_bridge.telemetry.statements import (
     LandedSet,
     ModeSet,
     ParameterSet,
+    ReadySet,
     Statement,
     StepSignal,
     TextSaid,
@@ -182,3 +183,36 @@ def test_in_order_of_arrival() -> None:
     frame_indices = [say.frame_index for say in said]
     assert frame_indices == sorted(set(frame_indices))
     assert [type(say).__name__ for say in said] == ["ModeSet", "TextSaid", "ParameterSet", "LandedSet", "TextSaid"]
+
+
+# --- whether the attitude is ready -----------------------------------------------------------------------------------
+
+AHRS = 0x200000  # MAV_SYS_STATUS_AHRS
+
+
+def ekf(flags: int) -> Any:
+    return mavlink.MAVLink_ekf_status_report_message(flags, 0, 0, 0, 0, 0)
+
+
+def estimator(flags: int) -> Any:
+    return mavlink.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0, 0)
+
+
+def status(present: int, enabled: int, health: int) -> Any:
+    return mavlink.MAVLink_sys_status_message(present, enabled, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("messages", "expected"),
+    [
+        ([ekf(0), ekf(1024), ekf(1025), ekf(831), ekf(829)], [("EKF_STATUS_REPORT", r) for r in (False, True)]),
+        ([estimator(0x33F), estimator(0x33E)], [("ESTIMATOR_STATUS", True), ("ESTIMATOR_STATUS", False)]),
+        ([status(AHRS, AHRS, 0), status(AHRS, AHRS, AHRS | 1)], [("SYS_STATUS", False), ("SYS_STATUS", True)]),
+        ([status(AHRS, 0, 0), status(0, AHRS, 1), status(1, 1, 3)], []),
+    ],
+    ids=["EKF_STATUS_REPORT", "ESTIMATOR_STATUS", "SYS_STATUS", "neither present nor enabled"],
+)
+def test_whether_the_attitude_is_ready(messages: list[Any], expected: list[tuple[str, bool]]) -> None:
+    """By bit 0 and not bit 10 of the one, bit 0 of the other, and the health of AHRS: each told when it changes."""
+    said = heard(Craft(also=[(0.5 + i, message) for i, message in enumerate(messages)]).records(8))
+    assert [(say.source, say.ready) for say in said if isinstance(say, ReadySet)] == expected
