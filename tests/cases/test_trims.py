@@ -61,7 +61,9 @@ def raised(vehicle: Json) -> list[tuple[str, str]]:
 
 # --- fitted ----------------------------------------------------------------------------------------------------------
 
-RADIO = [(50.0, 5), (25.0, 7), (25.0, 20), (10.0, 30), (8.0, 60), (5.0, 40), (5.0, 100), (4.0, 17)]
+RADIO = [(50.0, 5), (25.0, 7), (25.0, 20), (10.0, 30), (8.0, 60), (5.0, 40), (5.0, 100), (4.0, 17)]  # Hz, ms apart
+AHRS_TRIMS = [(5.0, -3.0), (-2.0, 3.0), (0.0, 8.0), (9.0, 6.0), (1.0, 2.0)]
+PITCH_TRIMS = [-6.0, -1.5, 3.0, 12.0]
 
 
 def test_a_flight_whose_stamps_never_meet() -> None:
@@ -72,8 +74,9 @@ def test_a_flight_whose_stamps_never_meet() -> None:
     assert entry_of(vehicle, "euler_quaternion")["verdict"] == "explained"
 
 
-@pytest.mark.parametrize("trim_deg", [(5.0, -3.0), (-2.0, 3.0), (0.0, 8.0), (9.0, 6.0), (1.0, 2.0)])
-@pytest.mark.parametrize(("hz", "apart_ms"), one_in(3, RADIO))
+@pytest.mark.parametrize(
+    ("hz", "apart_ms", "trim_deg"), one_in(7, [(*link, trim) for link in RADIO for trim in AHRS_TRIMS])
+)
 def test_ahrs_trim_is_fitted(hz: float, apart_ms: int, trim_deg: tuple[float, float]) -> None:
     """Both numbers, whatever the rate and the distance of the stamps, before anything is alarmed."""
     vehicle = flown(Apart(motion=weaving(), hz=hz, apart_ms=apart_ms, ahrs_trim_deg=trim_deg))
@@ -81,8 +84,9 @@ def test_ahrs_trim_is_fitted(hz: float, apart_ms: int, trim_deg: tuple[float, fl
     assert explained(vehicle) == [("ahrs_trim", pytest.approx(list(trim_deg), abs=VALUE_DEG), True, [])]
 
 
-@pytest.mark.parametrize("trim_deg", [-6.0, -1.5, 3.0, 12.0])
-@pytest.mark.parametrize(("hz", "apart_ms"), one_in(3, RADIO))
+@pytest.mark.parametrize(
+    ("hz", "apart_ms", "trim_deg"), one_in(7, [(*link, trim) for link in RADIO for trim in PITCH_TRIMS])
+)
 def test_a_pitch_trim_is_fitted(hz: float, apart_ms: int, trim_deg: float) -> None:
     """And a bank tells it from a mount offset."""
     vehicle = flown(
@@ -102,8 +106,10 @@ def test_what_level_flight_cannot_tell_is_named_beside_it() -> None:
     assert "mount_offset" in alternatives
 
 
-@pytest.mark.parametrize("view_deg", [4.0, -6.0, 9.0])
-@pytest.mark.parametrize(("hz", "apart_ms"), [(25.0, 7), (10.0, 50), (5.0, 60)])
+@pytest.mark.parametrize(
+    ("hz", "apart_ms", "view_deg"),
+    one_in(4, [(*link, view) for link in ((10.0, 50), (25.0, 7), (5.0, 60)) for view in (4.0, -6.0, 9.0)]),
+)
 def test_a_view_is_fitted(hz: float, apart_ms: int, view_deg: float) -> None:
     """A plane that hovers from 12 s to 30 s shows a pitched body then; it is followed through both changes."""
     craft = Apart(
@@ -147,8 +153,10 @@ def test_it_does_not_matter_how_the_bytes_are_cut() -> None:
 # --- faults ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("deg", [1.2, 5.0, 25.0])
-@pytest.mark.parametrize(("hz", "apart_ms"), [(25.0, 7), (10.0, 50), (5.0, 60)])
+@pytest.mark.parametrize(
+    ("hz", "apart_ms", "deg"),
+    one_in(4, [(*link, deg) for link in ((25.0, 7), (10.0, 50), (5.0, 60)) for deg in (5.0, 1.2, 25.0)]),
+)
 def test_a_yaw_offset_is_found_beside_a_pitch_trim(hz: float, apart_ms: int, deg: float) -> None:
     """And named, as where the stamps meet."""
     craft = Apart(
