@@ -25,8 +25,10 @@ from being explained away:
    that the accelerometer felt tells a plane on its tail from one on its wings.
 
 PX4 tailsitters' `repr_offset_q` is for displays and has no place here. This package knows neither frames on a wire nor
-limits of alarms. **between**, between_fits, between_view: pairs of neighbouring instants · felt: the accelerometer's
-down · quiet: what is no news, compiled. A sample's correction rests on what came before it, in order of arrival, however the input was cut.
+limits of alarms. A sample's correction rests on what came before it, in order of arrival, however the input was cut.
+
+**between**, between_fits, between_view: pairs of neighbouring instants · felt: the accelerometer's down · quiet: what is
+no news, compiled.
 """
 
 from gcs_bridge.expected.correction import AHRS_TRIM, CAUSE_NAMES, PITCH_TRIM, VTOL_VIEW
