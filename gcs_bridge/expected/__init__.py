@@ -27,7 +27,7 @@ from being explained away:
 PX4 tailsitters' `repr_offset_q` is for displays and has no place here. This package knows neither frames on a wire nor
 limits of alarms. A sample's correction rests on what came before it, in order of arrival, however the input was cut.
 
-**between**, between_fits, between_view: pairs of neighbouring instants · felt: the accelerometer's down · quiet: what is
+**between**, between_fits, between_view: pairs of neighbouring instants · felt: the down that is felt · quiet: what is
 no news, compiled.
 """
 
