@@ -32,6 +32,7 @@ _START_US = 3_000_000
 _OFF_AXIS = 0.05  # share of a turn that may be about other axes
 _STEEP = 0.1  # the cosine of a pitch at which there is no level axis to the right any more
 _MOST_TRIM_RAD = math.radians(10.0)
+_LEVEL_TRIM_RAD = _MOST_TRIM_RAD**2 / 2.0  # so much of heading both AHRS_TRIMs together make of a level vehicle
 _WEIGHT_FLOOR_RAD = math.radians(0.05)
 _GREATEST_RATE_RAD_S = 100.0  # what is more is damage
 _LEAST_RATE_RAD_S = math.radians(2.0)  # root mean square, below which no lag shows
@@ -297,16 +298,18 @@ def judge_pairs(
         note(tilt, found.tilt[i])
         note(heading, abs(found.heading[i]))
         _follow_lag(pairs, i, of, found)
+        trim = held_at(may_be_trim, pairs.frame_index[i]) == 1.0
         if found.counted[i] and angle > limit and held_at(ardupilot, pairs.frame_index[i]) != 0.0:  # NaN: not known yet
             wings = held_at(fixed_wing, pairs.frame_index[i]) != 0.0
-            trim = held_at(may_be_trim, pairs.frame_index[i]) == 1.0
             found.counted[i] = not _is_withheld(pairs, i, of, found, wings, trim)
         if found.counted[i]:
             of.counted += 1
             of.bad += angle > limit
             detail = _detail(found, i, row_at(found.rotvec_body, i))
             vote(votes, places[0], pairs.frame_index[i], pairs.t_boot_us[i], angle, limit, detail)
-        if angle <= limit and pairs.t_boot_us[i] > of.latest_us and np.isfinite(found.rotvec_body[i, 0]):
+        means = np.isfinite(found.rotvec_body[i, 0])
+        is_open = trim and pairs.bound_rad[i] < angle <= _LEVEL_TRIM_RAD  # a trim may make that of each pair
+        if angle <= limit and pairs.t_boot_us[i] > of.latest_us and means and not is_open:
             of.latest_us = pairs.t_boot_us[i]
             is_enough, value, limit, turn = _mean(pairs, i, limits, sums, found)
             if is_enough:

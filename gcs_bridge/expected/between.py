@@ -8,12 +8,15 @@ to 25 Hz, in squares, banks, acro and a tumble). They are looked at only while p
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge import attitude
-from gcs_bridge.columns import Floats, Int64s, Mask, record
+from gcs_bridge.attitude.compiled import unit_at, vector_at
+from gcs_bridge.attitude.kinematics import interpolated
+from gcs_bridge.attitude.quaternion import length
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, record
 from gcs_bridge.expected.pairs import (
     IN_A_ROW,
     NO_CLEAN_PAIRS,
@@ -23,7 +26,8 @@ from gcs_bridge.expected.pairs import (
     EulerRows,
     QuaternionRows,
 )
-from gcs_bridge.pairing.bounds import KIN_PER_CHANGE, KIN_PER_TURN, interpolation_bound_rad, turn_and_kin
+from gcs_bridge.jit import helper, kernel
+from gcs_bridge.pairing.bounds import KIN_PER_CHANGE, KIN_PER_TURN, interpolation_bound_of, turn_and_kin_of
 
 BETWEEN_NOISE_RAD = math.radians(0.05)  # beside the bound
 BETWEEN_NOISE_VIEW_RAD = math.radians(0.1)  # of a view: 0.035° by AHRS_TRIM of 2° comes to it
@@ -71,18 +75,9 @@ def pairs_between(
     i, j = i[good], j[good]
     if not len(i):
         return none
-    q0, q1 = (attitude.normalise(quaternion.q_nb[of]) for of in (j - 1, j))
-    w0, w1, own = quaternion.w_b_rad_s[j - 1], quaternion.w_b_rad_s[j], euler.w_b_rad_s[i]
-    h_s = (quaternion.t_us[j] - quaternion.t_us[j - 1]) * 1e-6
-    u = (euler.t_us[i] - quaternion.t_us[j - 1]) * 1e-6 / h_s
-    q, w = attitude.hermite(q0, q1, w0, w1, dt_s=h_s, u=u)
-    _, kin = turn_and_kin(q0, q1, w0, w1, h_s)
-    rate = np.maximum(*(np.sqrt(np.square(of).sum(axis=1)) for of in (w0, w1)))
-    change = np.sqrt(np.square(w1 - w0).sum(axis=1))
-    step = STEP_RAD + STEP_PER_RATE_S * rate + 1.5 * h_s * (KIN_PER_CHANGE * change + KIN_PER_TURN * rate)
-    unknown = np.full(len(i), np.inf)
-    bound = STAMP_BOUND_RAD + interpolation_bound_rad(w0, w1, own, w, kin_fast=kin, kin_slow=unknown, h=h_s, u=u)
-    known = np.isfinite(bound) & ~(kin > step)
+    q, bound = np.empty((len(i), 4)), np.empty(len(i))
+    before, behind = (_Seen(quaternion.t_us[of], quaternion.q_nb[of], quaternion.w_b_rad_s[of]) for of in (j - 1, j))
+    see_between(before, behind, euler.t_us[i], euler.w_b_rad_s[i], q, bound)
     pairs = BetweenPairs(
         frame_index=quaternion.frame_index[j],
         t_us=euler.t_us[i],
@@ -91,7 +86,43 @@ def pairs_between(
         free=euler.free[i],
         bound_rad=bound,
     )
+    known = np.isfinite(bound)
     return pairs[known], euler.view[i][known]
+
+
+class _Seen(NamedTuple):
+    """Quaternions (n, 4) with their times and rates."""
+
+    t_us: Int64s
+    q_nb: FloatRows
+    w_b_rad_s: FloatRows
+
+
+@helper
+def between_of(q0, q1, w0, w1, own, h, u):  # type: ignore[no-untyped-def]  # typed by numba
+    """The quaternion at the share `u` of a gap of `h` s, and the bound of that; NaN: none is known."""
+    between, w = interpolated(q0, q1, w0, w1, h, u)
+    _, kin = turn_and_kin_of(q0, q1, w0, w1, h)
+    rate, change = np.maximum(length(w0), length(w1)), length((w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2]))
+    step = STEP_RAD + STEP_PER_RATE_S * rate + 1.5 * h * (KIN_PER_CHANGE * change + KIN_PER_TURN * rate)
+    bound = STAMP_BOUND_RAD + interpolation_bound_of(w0, w1, own, w, kin, np.inf * h, h, u)
+    return between, np.nan if kin > step or not np.isfinite(bound) else bound
+
+
+@kernel
+def see_between(
+    before: _Seen, behind: _Seen, t_us: Int64s, own_b_rad_s: FloatRows, q_nb: FloatRows, bound_rad: Floats
+) -> None:
+    """Fill the quaternions (n, 4) at times between those `before` and `behind`, and their bounds (n,)."""
+    for i in range(t_us.size):
+        h = (behind.t_us[i] - before.t_us[i]) * 1e-6
+        u = (t_us[i] - before.t_us[i]) * 1e-6 / h
+        q0, q1 = unit_at(before.q_nb, i), unit_at(behind.q_nb, i)
+        w0, w1 = vector_at(before.w_b_rad_s, i), vector_at(behind.w_b_rad_s, i)
+        q, bound = between_of(q0, q1, w0, w1, vector_at(own_b_rad_s, i), h, u)
+        bound_rad[i] = bound
+        for axis in range(4):
+            q_nb[i, axis] = q[axis]
 
 
 def _often(euler: EulerRows, i: Int64s, completed: Int64s, exact: tuple[CleanPairs, ...]) -> Mask:

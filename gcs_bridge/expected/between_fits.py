@@ -18,11 +18,11 @@ from gcs_bridge.expected.correction import Correction
 from gcs_bridge.expected.pairs import MOST_TRIM_RAD, pitch_axis
 
 MOST_PITCH_RAD = math.radians(15.0)  # a larger one is not fitted
-_P90, _P98 = 0.5, 1.0  # of what is left, in noises and bounds: with a right fit less than half of either
+_P90, _P97 = 0.5, 1.0  # of what is left, in noises and bounds: with a right fit less than half of either
 LEAVES_IN_HOVER = 3.0  # tailsitters hover in oscillations that are faster than their samples: up to the bounds
 _LEAST, _LEAST_TRIMS = 4, 6  # pairs for one number, and for two
 _SURE_RAD, _SURE_VIEW_RAD = math.radians(0.15), math.radians(2.0)  # a number that is known no better is none yet
-_APART, _APART_LEAST = 3.0, 0.1  # a mistake must leave so many times more, and more than this: root mean squares
+_APART, _APART_LEAST = 3.0, 0.3  # a mistake must leave so many times more, and more than this: root mean squares
 _PRIOR_RAD = math.radians(10.0)  # what trims are like: AHRS_TRIM_X hardly shows, and stays near 0 until it does
 _STEP_RAD = 1e-6  # for slopes
 _STEPS = 5
@@ -114,7 +114,7 @@ def explains(pairs: BetweenPairs, correction: Correction, noise_rad: float, *, l
         return True
     left = np.sort(pairs.residual(correction) / pairs.scale(noise_rad))
     last = len(left) - 1
-    return bool(left[round(0.9 * last)] <= leaves * _P90 and left[math.floor(0.98 * last)] <= leaves * _P98)
+    return bool(left[math.floor(0.9 * last)] <= leaves * _P90 and left[math.floor(0.97 * last)] <= leaves * _P97)
 
 
 def _trims(pairs: BetweenPairs, start: Correction, weight: Floats) -> tuple[Correction, Floats]:
@@ -128,7 +128,8 @@ def _trims(pairs: BetweenPairs, start: Correction, weight: Floats) -> tuple[Corr
         of_product = np.concatenate((np.zeros(len(roll)), -np.ones(len(roll))))
         columns, seen = np.stack((of_y, of_product)), np.concatenate((rotvec[:, 1], rotvec[:, 2]))
         weighted = columns * np.concatenate((weight, weight))
-        trim_y, product = np.linalg.solve(weighted @ columns.T + prior * [[1.0, 0.0], [0.0, 400.0]], weighted @ seen)
+        normal = _products(weighted, columns) + prior * [[1.0, 0.0], [0.0, 400.0]]
+        trim_y, product = np.linalg.solve(normal, _products(weighted, seen[None])[:, 0])
         trims = np.array([2.0 * product / trim_y if abs(trim_y) > 1e-3 else 0.0, trim_y or 1e-3])
     weights = np.repeat(weight, 3)
     for _ in range(_STEPS):
@@ -139,12 +140,17 @@ def _trims(pairs: BetweenPairs, start: Correction, weight: Floats) -> tuple[Corr
             [(pairs.apart(Correction(pitch_rad, *one.tolist())).ravel() - at) / _STEP_RAD for one in nearby]
         )
         weighted = slopes * weights
-        normal = weighted @ slopes.T + prior
-        trims = trims - np.linalg.solve(normal, weighted @ at + prior @ trims)
+        normal = _products(weighted, slopes) + prior
+        trims = trims - np.linalg.solve(normal, _products(weighted, at[None])[:, 0] + prior.diagonal() * trims)
     x, y = np.clip(trims, -MOST_TRIM_RAD, MOST_TRIM_RAD).tolist()
     information = np.zeros((3, 3))
     information[1:, 1:] = normal
     return Correction(pitch_rad, x, y), information
+
+
+def _products(one: Floats, other: Floats) -> Floats:
+    """The sums of products of rows (m, n) and (k, n): (m, k), the same however the arrays lie in memory."""
+    return np.asarray((one[:, None] * other[None]).sum(axis=2))
 
 
 def _known(scale: Floats) -> Floats:
@@ -169,6 +175,7 @@ def _off_mean(turn: Floats, scale: Floats, *, about_y: bool = False) -> Floats:
 
 
 def _worse(other: Floats, left: Floats) -> bool:
-    """Whether another explanation leaves clearly more than the fit."""
-    root_mean_square = [math.sqrt(float(np.square(of).mean())) for of in (other, left)]
+    """Whether another explanation leaves clearly more than the fit, but for the worst pairs of both."""
+    kept = len(left) - max(1, len(left) // 10)
+    root_mean_square = [math.sqrt(float(np.square(np.sort(of)[:kept]).mean())) for of in (other, left)]
     return root_mean_square[0] > max(_APART * root_mean_square[1], _APART_LEAST)

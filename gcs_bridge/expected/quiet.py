@@ -11,17 +11,14 @@ import numpy as np
 
 from gcs_bridge.attitude.compiled import ray_at, unit_at, vector_of
 from gcs_bridge.attitude.euler import quaternion_of_rpy
-from gcs_bridge.attitude.kinematics import interpolated
-from gcs_bridge.attitude.quaternion import angle_of, conjugated, exponential, length, product
+from gcs_bridge.attitude.quaternion import angle_of, conjugated, exponential, product
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
 from gcs_bridge.expected.between import (
     LONGEST_US,
     RARE_US,
-    STAMP_BOUND_RAD,
-    STEP_PER_RATE_S,
-    STEP_RAD,
     TELLS_RAD,
     BetweenPairs,
+    between_of,
 )
 from gcs_bridge.expected.between_memory import KEPT
 from gcs_bridge.expected.pairs import (
@@ -38,7 +35,6 @@ from gcs_bridge.expected.pairs import (
     QuaternionRows,
 )
 from gcs_bridge.jit import helper, kernel
-from gcs_bridge.pairing.bounds import KIN_PER_CHANGE, KIN_PER_TURN, interpolation_bound_of, turn_and_kin_of
 
 
 class Expectation(NamedTuple):
@@ -306,13 +302,7 @@ def _seen_between(tails, quaternion, q, at):  # type: ignore[no-untyped-def]  # 
     w0 = vector_of(rows.numbers[last, 4], rows.numbers[last, 5], rows.numbers[last, 6])
     w1 = vector_of(quaternion.w_b_rad_s[q, 0], quaternion.w_b_rad_s[q, 1], quaternion.w_b_rad_s[q, 2])
     own = vector_of(tails.euler.numbers[at, 3], tails.euler.numbers[at, 4], tails.euler.numbers[at, 5])
-    between, w = interpolated(q0, q1, w0, w1, h, u)
-    _, kin = turn_and_kin_of(q0, q1, w0, w1, h)
-    rate, change = np.maximum(length(w0), length(w1)), length((w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2]))
-    step = STEP_RAD + STEP_PER_RATE_S * rate + 1.5 * h * (KIN_PER_CHANGE * change + KIN_PER_TURN * rate)
-    unknown = np.inf * h
-    bound = STAMP_BOUND_RAD + interpolation_bound_of(w0, w1, own, w, kin, unknown, h, u)
-    return between, np.nan if kin > step or not np.isfinite(bound) else bound
+    return between_of(q0, q1, w0, w1, own, h, u)
 
 
 @helper

@@ -17,8 +17,10 @@ from gcs_bridge.contract import ExplainedBy
 from gcs_bridge.expected.between import BETWEEN_NOISE_RAD, BETWEEN_NOISE_VIEW_RAD, pairs_between
 from gcs_bridge.expected.between_view import scan_between
 from gcs_bridge.expected.correction import (
+    AHRS_TRIM,
     CAUSE_NAMES,
     NOTHING,
+    PITCH_TRIM,
     TRIM_FITTED,
     UNSURE,
     VTOL_VIEW,
@@ -74,13 +76,13 @@ class Corrected(FrameColumns):
     """n Euler samples with the expected differences undone.
 
     `q_nb` (n, 4) [w, x, y, z], FRD to NED; `causes` (n,) bits PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what turned a sample
-    by more than 0.02°; `untold` (n,) bits of what may be in it, was not told and not fitted yet, UNSURE where that
-    takes time, and TRIM_FITTED; `applied` (n,) which of the `corrections` was undone, the first of which is none.
+    by more than 0.02°; `open` (n,) bits of what may be in it, was not told and not fitted yet, UNSURE where that takes
+    time, and TRIM_FITTED; `applied` (n,) which of the `corrections` was undone, the first of which is none.
     """
 
     q_nb: Floats
     causes: npt.NDArray[np.uint8]
-    untold: npt.NDArray[np.uint8]
+    open: npt.NDArray[np.uint8]
     applied: Int64s
     corrections: tuple[Correction, ...]
     changes: Int64s | None = None
@@ -101,14 +103,19 @@ class Corrected(FrameColumns):
 
     def may_be_trim_from(self, before: float) -> tuple[Int64s, Floats]:
         """Frames (k,) from which on AHRS_TRIM may still be found in what differs, 1, or may not, 0, unlike before."""
-        may_be = ((self.untold & UNSURE) != 0).astype(np.float64)
+        may_be = ((self.open & UNSURE) != 0).astype(np.float64)
         changes = np.flatnonzero(np.diff(may_be, prepend=before))
         return self.frame_index[changes], may_be[changes]
 
     @property
+    def untold(self) -> npt.NDArray[np.uint8]:
+        """Bits (n,) PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what may be in a sample, was not told and not fitted yet."""
+        return self.open & np.uint8(PITCH_TRIM | AHRS_TRIM | VTOL_VIEW)
+
+    @property
     def trim_fitted(self) -> Mask:
         """Whether AHRS_TRIM was fitted (n,), and is known as well as if it had been told."""
-        return np.asarray((self.untold & TRIM_FITTED) != 0)
+        return np.asarray((self.open & TRIM_FITTED) != 0)
 
     @property
     def trim_b_rad(self) -> Floats:
@@ -206,7 +213,7 @@ class Expected:
             frame_index=euler.frame_index,
             q_nb=q_nb,
             causes=causes,
-            untold=untold,
+            open=untold,
             applied=applied,
             corrections=tuple(corrections),
             changes=self._changes(applied, corrections),
@@ -427,7 +434,7 @@ class Expected:
             self._mode_since_us = int(t_us[0])
         free[:] = True if mode_view is None else t_us - self._mode_since_us <= _MODE_LAG_US
         unknown = self._told.open_view and not hover.fitted
-        if unknown or hover.correction == self._views[FORWARD].correction:
+        if (unknown and len(quaternions)) or hover.correction == self._views[FORWARD].correction:
             return view, free, astray_since_us
         downs = [attitude.body_down(one.correction.undo(rpy_rad)) for one in self._views]
         is_usual, astray = self._seen_as(usual, euler, downs, quaternions)

@@ -97,7 +97,7 @@ class View:
 
     @property
     def bits(self) -> int:
-        """What is known of each sample that shows this view, as `Corrected.untold` has it."""
+        """What is known of each sample that shows this view, as `Corrected.open` has it."""
         sure = self.fitted & AHRS_TRIM and not self.by_between
         return self.untold | (UNSURE if self.unsure else 0) | (TRIM_FITTED if sure else 0)
 

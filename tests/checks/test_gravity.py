@@ -32,6 +32,7 @@ from tests.helpers.craft import (
 )
 
 HZ = 10.0
+UNTRIMMED = [(0.0, parameter(f"AHRS_TRIM_{axis}", 0.0)) for axis in "XY"]  # else it may be a trim
 FAULT_S = (5.0, 9.0)  # known to be at rest from 3.0 s on
 RAISED_S, CLEARED_S = 5.0 + 0.2 + 1.0, 9.0 + 0.2 + 2.0
 
@@ -62,7 +63,7 @@ def test_twelve_degrees_at_rest_are_an_alarm() -> None:
 @pytest.mark.parametrize(("deg", "severity"), [((0, -6, 0), "warning"), ((0, 4.5, 0), None), ((0, 0, 90), None)])
 def test_smaller_errors_at_rest(deg: Sequence[float], severity: str | None) -> None:
     """6° of pitch are a warning, 4.5° nothing; a yaw of 90° nothing, for gravity does not show it."""
-    vehicle = judged(leaning(*deg), 14)
+    vehicle = judged(leaning(*deg, also=UNTRIMMED), 14)
     assert [alarm["severity"] for alarm in alarms(vehicle, "gravity")] == ([severity] if severity else [])
     assert check(vehicle, "gravity")["verdict"] == (severity or "agree")
 
