@@ -91,7 +91,9 @@ def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
     Raises SourceError for a file that is empty, another format, or without a frame.
     """
     file.seek(0)
+    line_feeds = behind_returns = 0
     while probe := file.read(_PROBE):
+        line_feeds, behind_returns = line_feeds + probe.count(b"\n"), behind_returns + probe.count(b"\r\n")
         for magic, what in FOREIGN.items():
             if file.tell() == len(probe) and probe.startswith(magic):
                 raise SourceError(f"{path}: {what}")
@@ -104,7 +106,8 @@ def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
             return int(next(iter(known_us), 0)) if len(timed) * 2 > len(stream) else None
     if not file.tell():
         raise SourceError(f"{path}: the file is empty: copy or record it again")
+    turned = "; every LF in it stands behind a CR: if it was one, a text conversion (LF into CR LF) has broken it"
     raise SourceError(
         f"{path}: no valid MAVLink frame in {file.tell()} bytes: not a telemetry recording; "
-        "a ground station's .tlog, .raw or .rlog is one"
+        f"a ground station's .tlog, .raw or .rlog is one{turned if line_feeds == behind_returns > 9 else ''}"
     )
