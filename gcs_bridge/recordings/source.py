@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -83,6 +85,17 @@ def opened(path: Path) -> Iterator[BinaryIO]:
         raise SourceError(f"{path}: cannot be read: {what}{_ADVICE.get(type(error), '')}") from None
 
 
+def _pass_hole(file: BinaryIO) -> None:
+    """Go on behind what was never written, where the file system tells; else it is read as what it is, zeros."""
+    try:
+        file.seek(os.lseek(file.fileno(), file.tell(), os.SEEK_DATA))
+    except OSError as error:
+        if error.errno == errno.ENXIO:  # nothing was
+            file.seek(0, os.SEEK_END)
+    except AttributeError:  # it does not tell
+        pass
+
+
 def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
     """The first record's time of a .tlog, None for a stream without times.
 
@@ -97,7 +110,8 @@ def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
         for magic, what in FOREIGN.items():
             if file.tell() == len(probe) and probe.startswith(magic):
                 raise SourceError(f"{path}: {what}")
-        if not any(marker in probe for marker in MARKERS):  # a hole in the file: as quickly as it is read
+        if not any(marker in probe for marker in MARKERS):
+            _pass_hole(file)
             continue
         timed = Scanner(dialect, timed=True).scan(probe, final=True)
         stream = Scanner(dialect, timed=False).scan(probe, final=True)

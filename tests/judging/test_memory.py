@@ -64,7 +64,8 @@ for i, (t_us, frame) in enumerate(flown):
 (entry,) = monitor.close().files
 (vehicle,) = entry.vehicles
 more_mb = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-print(more_mb, time.process_time() - begin, entry.verdict, vehicle.checks[0].pairs, entry.other_count, *entry.salvage.remarks)
+seconds = time.process_time() - begin
+print(more_mb, seconds, entry.verdict, vehicle.checks[0].pairs, entry.other_count, *entry.salvage.remarks)
 """
 
 
