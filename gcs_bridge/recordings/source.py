@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -84,6 +86,17 @@ def opened(path: Path) -> Iterator[BinaryIO]:
         raise SourceError(f"{path}: cannot be read: {what}{_ADVICE.get(type(error), '')}") from None
 
 
+def _pass_hole(file: BinaryIO) -> None:
+    """Go on behind what was never written, where the file system tells; else it is read as what it is, zeros."""
+    try:
+        file.seek(os.lseek(file.fileno(), file.tell(), os.SEEK_DATA))
+    except OSError as error:
+        if error.errno == errno.ENXIO:  # nothing was
+            file.seek(0, os.SEEK_END)
+    except AttributeError:  # it does not tell
+        pass
+
+
 def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
     """The first record's time of a .tlog, None for a stream without times.
 
@@ -92,11 +105,14 @@ def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
     Raises SourceError for a file that is empty, another format, or without a frame.
     """
     file.seek(0)
+    line_feeds = behind_returns = 0
     while probe := file.read(_PROBE):
+        line_feeds, behind_returns = line_feeds + probe.count(b"\n"), behind_returns + probe.count(b"\r\n")
         for magic, what in FOREIGN.items():
             if file.tell() == len(probe) and probe.startswith(magic):
                 raise SourceError(f"{path}: {what}")
-        if not any(marker in probe for marker in MARKERS):  # a hole in the file: as quickly as it is read
+        if not any(marker in probe for marker in MARKERS):
+            _pass_hole(file)
             continue
         records = Scanner(dialect, timed=True)
         timed, stream = records.scan(probe, final=True), 0
@@ -107,7 +123,8 @@ def start_us_of(file: BinaryIO, dialect: Dialect, path: Path) -> int | None:
             return int(next(iter(known_us), 0)) if len(timed) * 2 > stream else None
     if not file.tell():
         raise SourceError(f"{path}: the file is empty: copy or record it again")
+    turned = "; every LF in it stands behind a CR: if it was one, a text conversion (LF into CR LF) has broken it"
     raise SourceError(
         f"{path}: no valid MAVLink frame in {file.tell()} bytes: not a telemetry recording; "
-        "a ground station's .tlog, .raw or .rlog is one"
+        f"a ground station's .tlog, .raw or .rlog is one{turned if line_feeds == behind_returns > 9 else ''}"
     )

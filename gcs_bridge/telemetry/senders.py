@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from gcs_bridge.attitude.euler import quaternion_of_rpy
-from gcs_bridge.attitude.quaternion import angle_of, conjugated, length, product
+from gcs_bridge.attitude.quaternion import angle_of, conjugated, exponential, length, product
 from gcs_bridge.columns import Floats, Int64Rows, Int64s, Records
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.mavlink.decode import float_in, offsets, place_of, unsigned_in
@@ -44,10 +44,11 @@ _SLACK_RAD = np.radians(2.2)  # as `kinematics` allows a step
 _SUDDEN_RAD_S2 = 30.0  # as far as vehicles turn suddenly of their own accord; shaken ones, far more
 _SHAKEN_RAD_S2 = 200.0
 _LIVE_S = 2.5  # an attitude that is older is compared with nothing
-_THERE_SHARE = 1 / 8  # of the way from the one, how near to the other's last attitude is back there
+_THERE_SHARE = 1 / 5  # of the way from the one, how near to the other's last attitude is back there
 _THERE_RAD = np.radians(1.0)
+_WHOLE_TURN_RAD = 2 * np.pi  # no angle in radians is larger
 _ATTITUDES, _CALM_ATTITUDES = 8, 20  # times back and forth, farther than shaken, than sudden turns
-_CLEAN = 4  # so many times as often as to anywhere else
+_CLEAN = 0.75  # at least so many times as often as to anywhere else: one that is slow is found anew each time
 
 _KINDS, _MODES = 4, 12  # heartbeats: times back and forth between two types or autopilots, between two modes
 _VERSIONS = 20  # times back and forth between MAVLink 1 and 2, each numbered apart
@@ -61,6 +62,7 @@ _NEEDED = np.array([_CLOCKS, _STEADY_CLOCKS, _ATTITUDES, _CALM_ATTITUDES, _KINDS
 # Without a sign for so long, those before count no more. Modes may be changed back and forth, but not with each beat.
 _IDLE_US = np.array([10_000_000, 10_000_000, 10_000_000, 10_000_000, 10_000_000, 2_500_000, 10_000_000])
 _LONG_AGO = -(2**62)
+_MANY = 100  # times that are told; more are as many
 
 _STATE = np.dtype(
     [
@@ -181,6 +183,15 @@ def _turn_rad(track, q):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
+def _off_rad(track, q, w, ms):  # type: ignore[no-untyped-def]  # typed by numba
+    """How far an attitude is from where the rates at both ends bring the track's."""
+    half_s = 0.5e-3 * (ms - track[7])
+    turn = half_s * (track[4] + w[0]), half_s * (track[5] + w[1]), half_s * (track[6] + w[2])
+    gone = product((track[0], track[1], track[2], track[3]), exponential(turn))
+    return angle_of(product(conjugated(gone), q))
+
+
+@helper
 def _reach_rad(track, w, ms, sudden_rad_s2):  # type: ignore[no-untyped-def]  # typed by numba
     """How far one may have turned from a track's attitude."""
     h_s = abs(ms - track[7]) * 1e-3
@@ -190,35 +201,31 @@ def _reach_rad(track, w, ms, sudden_rad_s2):  # type: ignore[no-untyped-def]  # 
 @helper
 def _follow_attitude(state, tracks, stream, q, w, ms):  # type: ignore[no-untyped-def]  # typed by numba
     """Take the next attitude of a stream. Rows of `tracks`: q, body rates, time; all NaN where there is none."""
-    on = state.attitude[stream]
-    mine = tracks[stream]
-    track, live = on, abs(ms - mine[on, 7]) <= _LIVE_S * 1000
+    mine, on = tracks[stream], state.attitude[stream]
+    best, free, off_rad = -1, on, np.inf
+    for track in range(_TRACKS):
+        if abs(ms - mine[track, 7]) <= _LIVE_S * 1000:
+            track_off_rad = _off_rad(mine[track], q, w, ms)
+            if track_off_rad < off_rad:
+                best, off_rad = track, track_off_rad
+        if free == on or (not np.isnan(mine[free, 7]) and not mine[track, 7] >= mine[free, 7]):
+            free = track  # the one left longest ago, or that was never taken
+    is_live = abs(ms - mine[on, 7]) <= _LIVE_S * 1000
     away_rad = _turn_rad(mine[on], q)
-    if not (live and away_rad <= _reach_rad(mine[on], w, ms, _SUDDEN_RAD_S2)):
-        best_rad = np.inf
-        for other in range(_TRACKS):
-            if other != on and abs(ms - mine[other, 7]) <= _LIVE_S * 1000:
-                off_rad = _turn_rad(mine[other], q)
-                near = off_rad <= max(_THERE_RAD, _THERE_SHARE * away_rad) or not live
-                if near and off_rad < best_rad and off_rad <= _reach_rad(mine[other], w, ms, _SUDDEN_RAD_S2):
-                    track, best_rad = other, off_rad
-        if track == on:
-            for other in range(_TRACKS):  # a place that is free, or the one left longest ago
-                if np.isnan(mine[other, 7]):
-                    track = other
-            if track == on:
-                for other in range(_TRACKS):
-                    if mine[other, 7] < mine[track, 7] or track == on:
-                        track = other
-            state.misses[_OF_ATTITUDES] += live
-            state.misses[_OF_CALM_ATTITUDES] += live
-        elif live:
+    if best < 0:
+        best = free
+    elif is_live and not away_rad <= _reach_rad(mine[on], w, ms, _SUDDEN_RAD_S2):
+        if best != on and off_rad <= max(_THERE_RAD, _THERE_SHARE * away_rad):
             if away_rad > _reach_rad(mine[on], w, ms, _SHAKEN_RAD_S2):
                 _count(state, _OF_ATTITUDES)
-            if best_rad <= _THERE_RAD:
+            if off_rad <= _THERE_RAD:
                 _count(state, _OF_CALM_ATTITUDES)
-    state.attitude[stream] = track
-    row = mine[track]
+        else:
+            best = free
+            state.misses[_OF_ATTITUDES] += 1
+            state.misses[_OF_CALM_ATTITUDES] += 1
+    state.attitude[stream] = best
+    row = mine[best]
     row[0], row[1], row[2], row[3] = q
     row[4], row[5], row[6] = w
     row[7] = ms
@@ -290,7 +297,7 @@ def _tell(state, what, frame_index, signs, n):  # type: ignore[no-untyped-def]  
     else:
         return n
     state.new[what] = 0
-    signs[n, 0], signs[n, 1], signs[n, 2] = frame_index, what, times
+    signs[n, 0], signs[n, 1], signs[n, 2] = frame_index, what, min(times, _MANY)
     return n + 1
 
 
@@ -335,7 +342,10 @@ def _follow(
         if not is_attitude:
             continue
         if what == _EULER:
-            q = quaternion_of_rpy(float_in(payload, at[4]), float_in(payload, at[5]), float_in(payload, at[6]))
+            roll, pitch, yaw = float_in(payload, at[4]), float_in(payload, at[5]), float_in(payload, at[6])
+            q = quaternion_of_rpy(roll, pitch, yaw)
+            if max(abs(roll), abs(pitch), abs(yaw)) > _WHOLE_TURN_RAD:  # degrees: small motions go round and round
+                state.times[_OF_ATTITUDES] = state.times[_OF_CALM_ATTITUDES] = 0
         else:
             q = (
                 float_in(payload, at[4]), float_in(payload, at[5]), float_in(payload, at[6]), float_in(payload, at[7]),

@@ -81,7 +81,7 @@ def test_two_attitudes(apart_deg: float, hz: tuple[float, float], late_s: float)
     assert (verdict, bool(said)) == ("alarm", True)
 
 
-@pytest.mark.parametrize("hz", [(20.0, 20.0), (50.0, 10.0), (10.0, 10.0)])
+@pytest.mark.parametrize("hz", [(20.0, 20.0), (50.0, 10.0), (10.0, 1.0), (4.0, 4.0), (4.0, 2.0)])
 @pytest.mark.parametrize("apart_ms", [0, 7, 2_500, 20_000, 400_000, -9_000])
 def test_two_vehicles_that_fly(hz: tuple[float, float], apart_ms: int) -> None:
     """Each by its own motion and on its own clock."""
@@ -143,7 +143,11 @@ def test_it_is_over_when_the_second_is_silent() -> None:
 FLIGHT = "c_copter_4hz"
 
 
-@pytest.mark.parametrize("fault", ["loss:0.5", "reorder:0.5", "duplicate:0.5", "corrupt:0.003", "time_skew:3000"])
+@pytest.mark.parametrize(
+    "fault",
+    ["loss:0.5", "reorder:0.5", "duplicate:0.5", "corrupt:0.003", "time_skew:3000", "euler_degrees", "quaternion_xyzw",
+     "euler_xyz_order", "yaw_sign", "roll_pitch_swapped", "frozen_euler", "thin:ATTITUDE=1"],
+)  # fmt: skip
 @pytest.mark.parametrize("name", [FLIGHT, "b_copter_acro", "f_reboot"])
 def test_one_sender_on_a_bad_link(fault: str, name: str) -> None:
     """Whatever is lost, late, doubled or damaged, or stamped wrongly, is no second sender."""
