@@ -20,7 +20,7 @@ def flight(version: int, *, numbered: bool) -> list[Record]:
     motion = wire.Motion(SECONDS + 1, seed=1)
     if numbered:
         return wire.flight(motion, SECONDS, euler_hz=HZ, quaternion_hz=HZ, version=version)
-    flown = []
+    flown: list[Record] = []
     for t_us, _ in wire.flight(motion, SECONDS, euler_hz=HZ, quaternion_hz=0.0):
         ms = (t_us - wire.START_US) // 1000
         to: Json = {"seq": 0, "version": version}

@@ -175,18 +175,18 @@ def follow(flight: Flight, cuts: list[int] | None = None, expected: Expected | N
     q_nb, causes, untold = [], [], []
     edges = [-1, *(cuts or []), 1 << 60]
     for first, last in pairwise(edges):
-        batch = (of.frames(first + 1, last + 1) for of in (flight.euler, flight.quaternion))
+        euler, quaternion = (of.frames(first + 1, last + 1) for of in (flight.euler, flight.quaternion))
         expected.told([say for say in flight.news if first < say.frame_index <= last])
-        corrected = expected.correct(*batch)
+        corrected = expected.correct(euler, quaternion)
         q_nb.append(corrected.q_nb)
         causes.append(corrected.causes)
         untold.append(corrected.untold)
-    euler, bits = np.concatenate(q_nb), np.concatenate(causes)
+    corrected_q, bits = np.concatenate(q_nb), np.concatenate(causes)
     t_us, at_e, at_q = np.intersect1d(flight.euler.t_boot_us, flight.quaternion.t_boot_us, return_indices=True)
-    seen = Rotation.from_quat(np.roll(euler[at_e], -1, axis=1))
+    seen = Rotation.from_quat(np.roll(corrected_q[at_e], -1, axis=1))
     right = Rotation.from_quat(np.roll(flight.quaternion.q_nb[at_q], -1, axis=1))
     apart = np.degrees((seen.inv() * right).magnitude())
-    return Seen(euler, bits, t_us // 1000, apart, bits[at_e], explanations(expected), np.concatenate(untold))
+    return Seen(corrected_q, bits, t_us // 1000, apart, bits[at_e], explanations(expected), np.concatenate(untold))
 
 
 def explanations(expected: Expected) -> list[dict[str, Any]]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
+from scipy.spatial.transform import Rotation
 
 from tests.helpers import wire
 from tests.helpers.craft import (
@@ -14,7 +15,6 @@ from tests.helpers.craft import (
     G_M_S2,
     Array,
     Record,
-    Rotation,
     State,
     attitude,
     attitude_quaternion,

@@ -103,7 +103,8 @@ def rpy_of(message: Any) -> Array:
     """Roll, pitch and yaw of either attitude message, by SciPy."""
     if message.get_msgId() == ATTITUDE:
         return np.array([message.roll, message.pitch, message.yaw])
-    return Rotation.from_quat([message.q2, message.q3, message.q4, message.q1]).as_euler("ZYX")[::-1]
+    rpy: Array = Rotation.from_quat([message.q2, message.q3, message.q4, message.q1]).as_euler("ZYX")[::-1]
+    return rpy
 
 
 def test_rates_of_the_angles_are_sent_by_both_messages() -> None:
