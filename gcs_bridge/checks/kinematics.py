@@ -48,9 +48,10 @@ _ALIASED = (-0.4, 0.3)  # slopes that such a swing can feign
 _FORGOTTEN_S = 3.0  # how long what the attitude turned lately is remembered
 _STEADY_S = 10.0  # rates that miss the turn to one side for so long are wrong: a swing comes back
 _STEADY = 0.9
-_FAR_RAD = math.radians(30.0)  # the attitude turns, over the window
+_FAR_RAD = math.radians(15.0)  # the attitude turns, over the window
 # Of turning and rates over the window, healthy within 0.3 deg/s + 2 %.
 _TURN_RAD_S, _TURN_SHARE, _TURN_STILL_RAD_S = math.radians(1.0), 0.15, math.radians(10.0)
+_TURN_LEAST_HZ = 2.0  # sums over ten seconds need fewer samples than a slope
 _TURN_PER_CHANGE = 0.2  # of what the rates change by from sample to sample, in the root mean square
 # Slots of `_Stream.lately`: what the attitude turned, the largest rates, by how much the rates missed the turn (each
 # about three axes), the latter's size, and since when it was not to one side, s; whether rates were beyond any gyro.
@@ -273,7 +274,10 @@ def _judge_step(votes, watched, limits, stream, i):  # type: ignore[no-untyped-d
     )
     _, since_us = slide_in(stream.sums, t_us, row)
     span_s, of = (t_us - since_us) * 1e-6, stream.sums.sums
-    if of[18] >= limits.least_hz * span_s and span_s >= 0.8 * limits.window_s:
+    if of[18] < _TURN_LEAST_HZ * span_s or span_s < 0.8 * limits.window_s:
+        return
+    scale = 0.0
+    if of[18] >= limits.least_hz * span_s:
         step_s = span_s / of[18]
         x = _off(of[0], of[3], of[6], of[9], span_s, step_s, limits)
         y = _off(of[1], of[4], of[7], of[10], span_s, step_s, limits)
@@ -281,19 +285,24 @@ def _judge_step(votes, watched, limits, stream, i):  # type: ignore[no-untyped-d
         scale = max(x, y, z)
         detail = np.nan, np.nan, max(x - 1.0, 0.0), max(y - 1.0, 0.0), max(z - 1.0, 0.0)
         vote(votes, stream.places[_SLOPE], frame_index, t_us, scale, 1.0, detail)
-        turned, by_rates = (of[12], of[13], of[14]), (of[15], of[16], of[17])
-        detail = (
-            np.nan,
-            np.nan,
-            (turned[0] - by_rates[0]) / span_s,
-            (turned[1] - by_rates[1]) / span_s,
-            (turned[2] - by_rates[2]) / span_s,
-        )
-        value = length((detail[2], detail[3], detail[4])) if scale <= 1.0 else 0.0  # else the scale tells it
-        far, rate = length(turned), max(length(turned), length(by_rates)) / span_s
-        allowed = _TURN_SHARE * rate + (_TURN_RAD_S if far > _FAR_RAD else _TURN_STILL_RAD_S)
-        allowed += _TURN_PER_CHANGE * np.sqrt((of[9] + of[10] + of[11]) / span_s)
-        vote(votes, stream.places[_TURN], frame_index, t_us, value, allowed, detail)
+    turned, by_rates = (of[12], of[13], of[14]), (of[15], of[16], of[17])
+    detail = (
+        np.nan,
+        np.nan,
+        (turned[0] - by_rates[0]) / span_s,
+        (turned[1] - by_rates[1]) / span_s,
+        (turned[2] - by_rates[2]) / span_s,
+    )
+    value = length((detail[2], detail[3], detail[4]))
+    rate = max(length(turned), length(by_rates)) / span_s
+    # About the axis on which the rates miss it: a swing that they do not show gets nowhere, in however slow a beat.
+    along = abs(turned[0] * detail[2] + turned[1] * detail[3] + turned[2] * detail[4])
+    far = along / value if value > 0.0 else 0.0
+    if scale > 1.0 or (far <= _FAR_RAD and of[18] < limits.least_hz * span_s):
+        value = 0.0  # the scale tells it, or too few samples tell nothing
+    allowed = _TURN_SHARE * rate + (_TURN_RAD_S if far > _FAR_RAD else _TURN_STILL_RAD_S)
+    allowed += _TURN_PER_CHANGE * np.sqrt((of[9] + of[10] + of[11]) / span_s)
+    vote(votes, stream.places[_TURN], frame_index, t_us, value, allowed, detail)
 
 
 @helper

@@ -246,12 +246,16 @@ def as_angles(_: float, state: State) -> State:
     return state._replace(rates=np.array([0.0, 0.0, float(state.rates @ down_b)]))
 
 
-@pytest.mark.parametrize("hz", [10, 25])
+@pytest.mark.parametrize("hz", [5, 10, 25])
 @pytest.mark.parametrize(("bank", "deg_s"), [(20, 20), (45, 28), (60, 20), (-45, -15)])
 def test_rates_of_the_angles(bank: float, deg_s: float, hz: float) -> None:
     """In a banked turn the angles' rates are not the body's: a warning of each stream, which names the cause."""
     found = alarms(judged(Craft(turn=turning(bank, deg_s), hz=hz, **two_sided(as_angles)), 40), "kinematics")
-    assert [alarm["severity"] for alarm in found] == ["warning", "warning"]
+    # At 5 Hz the faster ones miss single steps by more than 2.2° + 0.3 s of a tenth of the rate.
+    assert len(found) == 2
+    assert {alarm["severity"] for alarm in found} == {
+        "alarm" if hz == 5 and abs(bank) > 20 and deg_s >= 20 else "warning"
+    }
     assert {alarm["diagnosis"]["cause"] for alarm in found} == {"euler_rates"}
     assert {alarm["diagnosis"]["confidence"] for alarm in found} == {"certain"}
 
