@@ -8,12 +8,12 @@ is named together, with the motion that would tell. A pure function of its windo
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from gcs_bridge import contract
-from gcs_bridge.columns import record
 from gcs_bridge.contract import Confidence, known
 from gcs_bridge.diagnosis import wording as words
 from gcs_bridge.diagnosis.causes import CAUSES, Value
@@ -33,7 +33,7 @@ _LEAST_TURNING = 5  # pairs at another rate than the usual one
 _NORM_OFF = 1e-3  # floats are within 2e-7 of norm 1
 
 
-@record
+@dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """Which mistake explains a disagreement.
 

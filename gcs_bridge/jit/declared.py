@@ -46,8 +46,9 @@ def declared_types(function: FunctionType) -> tuple[Declared, ...]:
 def _declared(whose: Any, name: str) -> Declared:
     """What a function, or a class, says of its argument, or field, `name`."""
     said = whose.__annotations__.get(name, "None")
+    said = getattr(said, "__forward_arg__", said)
     # Python's own get_type_hints takes ten times as long.
-    found = _meant(getattr(said, "__forward_arg__", said), whose.__module__)
+    found = _meant(said, whose.__module__) if isinstance(said, str) else _type_of(said)
     if found is None:
         raise TypeError(f"{whose.__qualname__}: {name}: its annotation is no type of a kernel's argument: {said}")
     return found

@@ -129,7 +129,7 @@ def test_samples_for_an_alarm_that_is_not_listed(monkeypatch: pytest.MonkeyPatch
         self.alarm_specs = self.alarm_specs[:1]
 
     monkeypatch.setattr(QuaternionNorm, "__init__", forgetful)
-    with pytest.raises(LookupError, match="quaternion_norm: its alarm 'alarm' is not among its alarm_specs"):
+    with pytest.raises(LookupError, match="quaternion_norm: its alarm 'zero' is not among its alarm_specs"):
         watched(flown((5, 9), seconds=12))
 
 

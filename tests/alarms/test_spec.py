@@ -16,6 +16,7 @@ SPECS = [spec for check in CHECKS for spec in check.alarm_specs]
 ID_PARTS = """
 alarm    euler_quaternion
 alarm    quaternion_norm
+alarm    quaternion_norm-zero
 alarm    body_rates
 alarm    kinematics-attitude-steps
 alarm    kinematics-attitude_quaternion-steps
@@ -37,11 +38,16 @@ warning  euler_quaternion-mean
 warning  quaternion_norm-warning
 warning  body_rates-warning
 warning  kinematics-attitude-slope
+warning  kinematics-attitude-turn
+warning  kinematics-attitude-impossible
 warning  kinematics-attitude_quaternion-slope
+warning  kinematics-attitude_quaternion-turn
+warning  kinematics-attitude_quaternion-impossible
 warning  gyro-warning
 warning  gravity-warning
 warning  secondary_estimate-tilt-warning
 warning  secondary_estimate-heading-warning
+warning  secondary_estimate-tilt-never
 warning  stream-attitude-slow
 warning  stream-attitude_quaternion-slow
 warning  stream-versions
@@ -61,24 +67,34 @@ def test_names_within_a_check() -> None:
     for check in CHECKS:
         assert {spec.check for spec in check.alarm_specs} <= {check.name}
         assert len({spec.name for spec in check.alarm_specs}) == len(check.alarm_specs)
-        assert {spec.not_a_sign_of for spec in check.alarm_specs} <= {check.not_a_sign_of}
+        others = {"not a stream that is missing: it comes, with nothing in it"}  # of a quaternion of zeros
+        assert {spec.not_a_sign_of for spec in check.alarm_specs} <= {check.not_a_sign_of, *others}
 
 
 def test_which_alarms_have_another_unit_than_their_check() -> None:
-    """A share has no unit, whatever the check measures in; what goes back and forth is counted."""
+    """A share has no unit, whatever the check measures in; rates have theirs; what goes back and forth is counted."""
     units = {check.name: check.unit for check in CHECKS}
     others = {(spec.id_part.split("-")[-1], spec.unit) for spec in SPECS if spec.unit != units[spec.check]}
-    assert others == {("slope", "1"), ("invalid", "1"), ("slow", "1"), ("senders", "times"), ("versions", "times")}
+    assert others == {
+        *(("slope", "1"), ("turn", "deg/s"), ("impossible", "deg/s")),
+        *(("invalid", "1"), ("slow", "1"), ("senders", "times"), ("versions", "times")),
+    }
 
 
 def test_about_which_alarms_the_doctor_is_asked() -> None:
-    """About the two forms and the norm; of the mean's warning the fault began while the mean grew."""
+    """About the two forms, the norm, a stream against its own rates; what is summed up began while the sum grew."""
     asked = {spec.id_part: spec.onset_lead_s for spec in SPECS if spec.asks_doctor}
     assert asked == {
         "euler_quaternion": 0.0,
         "euler_quaternion-mean": 13.0,  # the window of 10 s, held for 3 s
         "quaternion_norm": 0.0,
         "quaternion_norm-warning": 0.0,
+        **{f"kinematics-{stream}-steps": 0.0 for stream in ("attitude", "attitude_quaternion")},
+        **{
+            f"kinematics-{stream}-{of}": 10.0  # the window
+            for stream in ("attitude", "attitude_quaternion")
+            for of in ("slope", "turn")
+        },
     }
     assert [spec.id_part for spec in SPECS if spec.onset_lead_s and not spec.asks_doctor] == []
 
