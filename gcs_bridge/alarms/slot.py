@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gcs_bridge.alarms.rated import Worst
-from gcs_bridge.alarms.record import AlarmRecord
+from gcs_bridge.alarms.record import AlarmRecord, scale_of
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import (
     ANNOUNCEMENTS,
@@ -25,6 +25,7 @@ class AlarmSlot:
     def __init__(self, spec: AlarmSpec, ballot: Ballot) -> None:
         """Start normal, and told; `ballot` is where its samples are counted."""
         self.spec = spec
+        self.scale = scale_of(spec.unit)
         self.announcement = Announcement.TOLD
         self._ballot, self.place = ballot, ballot.place_of(spec)
         self.start_boot()

@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
-from gcs_bridge.alarms.record import scale_of
 from gcs_bridge.alarms.slot import AlarmSlot
 from gcs_bridge.alarms.state import Announcement, State
 from gcs_bridge.alarms.votes import SlotNow
@@ -114,7 +113,7 @@ def attitude_now(samples: AttitudeSamples | None, t_rx_us: int, *, alive: bool) 
 
 def alarm_now(slot: AlarmSlot, now: SlotNow) -> AlarmNow:
     """One alarm, as its ballot has it now."""
-    spec, record, scale = slot.spec, slot.record, scale_of(slot.spec.unit)
+    spec, record, scale = slot.spec, slot.record, slot.scale
     return AlarmNow(
         name=spec.name,
         severity=spec.severity,
