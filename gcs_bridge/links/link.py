@@ -1,7 +1,8 @@
-"""Live links: opened by pymavlink's connections, read by us from the descriptor, never written to.
+"""Live links: sockets and serial ports that are read and never written to.
 
 A link is drained: one call takes everything that has arrived. The batch is one message where the link is quiet, and
-grows under load. Datagrams keep their borders; a stream is cut wherever it was cut on the way.
+grows under load. Datagrams keep their borders; a stream is cut wherever it was cut on the way. A link that has gone is
+waited for.
 """
 
 from __future__ import annotations
@@ -12,19 +13,27 @@ import select
 import socket
 import sys
 import time
-from collections.abc import Iterator
-from typing import Any, ClassVar
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from gcs_bridge.chunks import Chunk, Chunks, Framing
+from gcs_bridge.links.again import Awaited, Reopening
 from gcs_bridge.links.datagrams import AT_ONCE, DatagramReader
 
-__all__ = ["DatagramLink", "Link", "LinkDownError", "SerialLink", "StreamLink", "TcpLink", "now_us"]
+if TYPE_CHECKING:  # loaded when a device is opened
+    from serial import Serial
+
+__all__ = ["DatagramLink", "Link", "LinkDownError", "SerialLink", "TcpLink", "TcpServerLink", "keep_alive", "now_us"]
 _LARGEST = 65_536  # a datagram
 # Bounds what one drain takes, so that a flood cannot keep the loop from the clock, and from other links.
 _BATCH_BYTES, _BATCH_CHUNKS = 2**20, 4096
 _RECEIVE_BUFFER = 16 * 2**20  # asked for: some tenths of a second at the highest rates; the system may give less
+# After so many seconds of silence, each so many seconds, so many times in vain: a connection without another side ends
+# some ten seconds after its last byte. macOS calls the first by its second name.
+_KEEP_ALIVE = {("TCP_KEEPIDLE", "TCP_KEEPALIVE"): 5, ("TCP_KEEPINTVL",): 2, ("TCP_KEEPCNT",): 3}
+_USUAL_BAUD = (57600, 115200, 921600, 230400, 460800, 500000, 38400, 9600)  # telemetry radios first
 _SO_RCVBUFFORCE = 33  # of Linux's asm-generic/socket.h: beyond the system's limit, for who may
 
 
@@ -37,19 +46,25 @@ class Link:
 
     framing: ClassVar[Framing]
 
-    def __init__(self, name: str, connection: Any) -> None:
-        """Take one of pymavlink's connections; `name` is its URI."""
+    def __init__(self, name: str, port: Any, reopen: Callable[[], Link]) -> None:
+        """Take an open port; `name` is the link's URI, `reopen` opens it anew once it is closed."""
         self.name = name
         self.dropped = 0  # datagrams that the system dropped because they were not fetched in time
-        self._connection = connection
+        self._port = port
+        self._reopen = reopen
         self._data = np.empty(_BATCH_BYTES + AT_ONCE * _LARGEST, np.uint8)  # memory is taken where it is written to
         self._ends = np.empty(_BATCH_CHUNKS + AT_ONCE, np.int64)
         self._t_rx_us = np.empty(_BATCH_CHUNKS + AT_ONCE, np.int64)
         self._count = 0
 
+    @property
+    def unreadable(self) -> str:
+        """What it may be where bytes come and no frame is found in them, and what to do."""
+        return "bytes come, but no MAVLink frame: something else sends here, or in a dialect that --dialect names"
+
     def fileno(self) -> int | None:
         """The descriptor to wait on; None where the system has none, and the link must be asked from time to time."""
-        return int(self._connection.port.fileno())
+        return int(self._port.fileno())
 
     def __iter__(self) -> Iterator[Chunk]:
         return iter(self.drain())
@@ -73,8 +88,13 @@ class Link:
         return Chunks(self._data[: self._size], self._ends[:count], self._t_rx_us[:count], self.framing)
 
     def close(self) -> None:
-        """Give the port back."""
-        self._connection.close()
+        """Give the port back; a second call does nothing."""
+        self._port.close()
+
+    def wait(self, delay_s: float) -> Awaited:
+        """It has gone: close it, and wait for its return; `delay_s` before the first try."""
+        self.close()
+        return Reopening(self._reopen, delay_s)
 
     @property
     def _size(self) -> int:
@@ -97,63 +117,120 @@ class Link:
 
 
 class DatagramLink(Link):
-    """`udpin:`. On Linux each datagram brings the time at which it arrived, and drops are counted."""
+    """`udpin:`, `mcast:`. On Linux each datagram brings the time at which it arrived, and drops are counted."""
 
     framing = Framing.DATAGRAM
+    _port: socket.socket
 
-    def __init__(self, name: str, connection: Any) -> None:
+    def __init__(self, name: str, port: socket.socket, reopen: Callable[[], Link]) -> None:
         """Ask the socket for a large buffer, for times and for drops."""
-        super().__init__(name, connection)
-        self._socket: socket.socket = connection.port
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        super().__init__(name, port, reopen)
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
         if sys.platform == "linux":
             with contextlib.suppress(PermissionError):
-                self._socket.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
-        # pymavlink binds with SO_REUSEADDR; taken back, so that nobody else can bind the port and take the datagrams.
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
+                port.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
         self._reader: DatagramReader | None = None
         with contextlib.suppress(OSError):
-            self._reader = DatagramReader(self._socket)
+            self._reader = DatagramReader(port)
 
     def _fetch(self) -> bool:
         if self._reader is None:
-            self._add(self._socket.recv_into(self._room()))
+            self._add(self._port.recv_into(self._room()))
             return True
         before, self._count = self._count, self._reader.read(self._data, self._ends, self._t_rx_us, self._count)
         self.dropped = self._reader.dropped
         return self._count == before + AT_ONCE
 
 
-class StreamLink(Link):
-    """A link without borders."""
-
-    framing = Framing.STREAM
-
-
-class TcpLink(StreamLink):
+class TcpLink(Link):
     """`tcp:`, connected."""
 
+    framing = Framing.STREAM
+    _port: socket.socket
+
     def _fetch(self) -> bool:
-        size: int = self._connection.port.recv_into(self._room()[:_BATCH_BYTES])
+        size = self._port.recv_into(self._room()[:_BATCH_BYTES])
         if not size:
             raise ConnectionError("the other side has closed the connection")
         self._add(size)
         return False  # what has come meanwhile is the next batch's
 
 
-class SerialLink(StreamLink):
+class TcpServerLink(TcpLink):
+    """`tcpin:`, to which one client at a time connects; another one waits, with what it sends, until that has gone."""
+
+    def __init__(self, name: str, server: socket.socket, reopen: Callable[[], Link]) -> None:
+        """Take a socket that listens; the first client is waited for as its bytes are."""
+        super().__init__(name, server, reopen)
+        self._server = server
+
+    def close(self) -> None:
+        """Let the client go, and give the port back."""
+        super().close()
+        self._server.close()
+
+    def wait(self, delay_s: float) -> Awaited:  # noqa: ARG002  # who listens has nothing to try again
+        """The client has gone: wait for another, and go on listening."""
+        self._port.close()
+        self._port = self._server
+        return _NextClient(self)
+
+    def accept(self) -> bool:
+        """Take a client who has come; whether one had."""
+        try:
+            client, _ = self._server.accept()
+        except OSError:  # none, or one that has gone already
+            return False
+        keep_alive(client)
+        client.setblocking(False)
+        self._port = client
+        return True
+
+    def _fetch(self) -> bool:
+        if self._port is self._server and not self.accept():
+            return False
+        return super()._fetch()
+
+
+class _NextClient(Awaited):
+    """A port whose client has gone."""
+
+    def __init__(self, link: TcpServerLink) -> None:
+        self._link = link
+
+    def fileno(self) -> int | None:
+        return self._link.fileno()
+
+    def take(self) -> TcpServerLink | None:
+        return self._link if self._link.accept() else None
+
+    def close(self) -> None:
+        self._link.close()
+
+
+class SerialLink(Link):
     """A serial device."""
+
+    framing = Framing.STREAM
+    _port: Serial
+
+    @property
+    def unreadable(self) -> str:
+        """The speed is wrong, most likely: that makes noise of frames."""
+        others = [str(rate) for rate in _USUAL_BAUD if rate != self._port.baudrate]
+        return (
+            f"bytes come, but no MAVLink frame: the device is read at --baud {self._port.baudrate}, and sends at "
+            f"another speed, it seems; try --baud {', '.join(others[:-1])} or {others[-1]}"
+        )
 
     def fileno(self) -> int | None:
         """None on Windows, which has no descriptors for serial ports."""
-        return None if self._connection.fd is None else int(self._connection.fd)
+        return self._port.fileno() if os.name == "posix" else None
 
     def _fetch(self) -> bool:
         descriptor = self.fileno()
-        size: int
         if descriptor is None:
-            port = self._connection.port
-            size = port.readinto(self._room()[: port.in_waiting])
+            size = self._port.readinto(self._room()[: self._port.in_waiting]) or 0
         elif not select.select([descriptor], [], [], 0)[0]:
             return False
         elif not (size := os.readv(descriptor, [self._room()])):
@@ -162,6 +239,18 @@ class SerialLink(StreamLink):
         if size:
             self._add(size)
         return size > 0
+
+
+def keep_alive(connection: socket.socket) -> None:
+    """Have the system ask whether the other side is there: a cable that was pulled ends no connection by itself.
+
+    It asks with empty packets; no byte of ours is in them.
+    """
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for names, seconds in _KEEP_ALIVE.items():
+        for name in names:
+            if hasattr(socket, name):
+                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), seconds)
 
 
 def now_us() -> int:

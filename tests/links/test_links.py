@@ -19,7 +19,7 @@ from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import SourceError
 from gcs_bridge.links.link import Link, LinkDownError, now_us
 from gcs_bridge.links.open import open_link
-from gcs_bridge.links.udp_owner import udp_port_owner
+from gcs_bridge.links.port_owner import port_owner
 from gcs_bridge.links.uri import NetworkUri, SerialUri
 from tests.helpers.live_links import Live, fixture, free_port, tcp_sender, wait_until
 
@@ -204,7 +204,7 @@ def test_nothing_is_sent_over_tcp() -> None:
     """From opening to closing, the server receives no byte."""
     with tcp_sender(fixture("e_two_vehicles", to_s=8), 20) as (port, received):
         with Live(open_link(NetworkUri("tcp", "127.0.0.1", port))) as live:
-            live.join()
+            live.wait_for_the_end()
             assert live.names().count("vehicle_seen") == 2
         wait_until(lambda: bool(received))
     assert received == [b""]
@@ -243,11 +243,11 @@ def test_port_in_use(reuse: int) -> None:
         assert f"port {port} is in use" in said
         if sys.platform == "linux":
             assert f"(process {os.getpid()})" in said
-    assert udp_port_owner(port) is None
+    assert port_owner(port, "udp") is None
 
 
 def test_nobody_takes_the_port_away() -> None:
-    """pymavlink shares its port with whoever asks; our link does not."""
+    """A port is shared where all ask for it; our link does not."""
     uri = NetworkUri("udpin", "127.0.0.1", free_port())
     link = open_link(uri)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
@@ -291,5 +291,5 @@ def test_permission_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr(opening, "_connected", refuse)
+    monkeypatch.setitem(opening.OPENERS, "serial", refuse)
     assert "'sudo usermod -aG dialout $USER'" in refusal(SerialUri("/dev/ttyNONE0", 57600))
