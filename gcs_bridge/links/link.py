@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from gcs_bridge.chunks import Chunk, Chunks, Framing
-from gcs_bridge.links.again import Awaited, Reopening
 from gcs_bridge.links.datagrams import AT_ONCE, DatagramReader
+from gcs_bridge.links.reopening import Reopening
 
 if TYPE_CHECKING:  # loaded when a device is opened
     from serial import Serial
@@ -46,16 +46,21 @@ class Link:
 
     framing: ClassVar[Framing]
 
-    def __init__(self, name: str, port: Any, reopen: Callable[[], Link]) -> None:
-        """Take an open port; `name` is the link's URI, `reopen` opens it anew once it is closed."""
+    def __init__(self, name: str, open_port: Callable[[], Any]) -> None:
+        """Open the port, now and whenever it has gone; `name` is the link's URI."""
         self.name = name
         self.dropped = 0  # datagrams that the system dropped because they were not fetched in time
-        self._port = port
-        self._reopen = reopen
+        self._open_port = open_port
+        self._reopening: Reopening | None = None
         self._data = np.empty(_BATCH_BYTES + AT_ONCE * _LARGEST, np.uint8)  # memory is taken where it is written to
         self._ends = np.empty(_BATCH_CHUNKS + AT_ONCE, np.int64)
         self._t_rx_us = np.empty(_BATCH_CHUNKS + AT_ONCE, np.int64)
         self._count = 0
+        self._begin(open_port())
+
+    def _begin(self, port: Any) -> None:
+        """The port is open, for the first time or anew."""
+        self._port = port
 
     @property
     def unreadable(self) -> str:
@@ -63,8 +68,11 @@ class Link:
         return "bytes come, but no MAVLink frame: something else sends here, or in a dialect that --dialect names"
 
     def fileno(self) -> int | None:
-        """The descriptor to wait on; None where the system has none, and the link must be asked from time to time."""
-        return int(self._port.fileno())
+        """The descriptor to wait on; None where the system has none, and the link must be asked from time to time.
+
+        Of a link that has gone it can be read when that `has_returned`.
+        """
+        return int((self._reopening or self._port).fileno())
 
     def __iter__(self) -> Iterator[Chunk]:
         return iter(self.drain())
@@ -90,11 +98,27 @@ class Link:
     def close(self) -> None:
         """Give the port back; a second call does nothing."""
         self._port.close()
+        if self._reopening is not None:
+            self._reopening.close()
+            self._reopening = None
 
-    def wait(self, delay_s: float) -> Awaited:
-        """It has gone: close it, and wait for its return; `delay_s` before the first try."""
+    def wait(self, delay_s: float) -> None:
+        """It has gone, by LinkDownError: wait for its return; `delay_s` before the first try."""
         self.close()
-        return Reopening(self._reopen, delay_s)
+        self._reopening = Reopening(self._open_port, delay_s)
+
+    def has_returned(self) -> bool:
+        """Whether a link that had gone is there again; from then on it is drained as before."""
+        port = None if self._reopening is None else self._reopening.take()
+        if port is None:
+            return False
+        self._reopening = None
+        self._begin(port)
+        return True
+
+    def why_not(self) -> str | None:
+        """Why it has not returned yet, once that has lasted, and each reason once; None: nothing new."""
+        return None if self._reopening is None else self._reopening.why()
 
     @property
     def _size(self) -> int:
@@ -122,9 +146,10 @@ class DatagramLink(Link):
     framing = Framing.DATAGRAM
     _port: socket.socket
 
-    def __init__(self, name: str, port: socket.socket, reopen: Callable[[], Link]) -> None:
+    def _begin(self, port: socket.socket) -> None:
         """Ask the socket for a large buffer, for times and for drops."""
-        super().__init__(name, port, reopen)
+        super()._begin(port)
+        self.dropped = 0
         port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
         if sys.platform == "linux":
             with contextlib.suppress(PermissionError):
@@ -149,7 +174,10 @@ class TcpLink(Link):
     _port: socket.socket
 
     def _fetch(self) -> bool:
-        size = self._port.recv_into(self._room()[:_BATCH_BYTES])
+        return self._receive(self._port)
+
+    def _receive(self, connection: socket.socket) -> bool:
+        size = connection.recv_into(self._room()[:_BATCH_BYTES])
         if not size:
             raise ConnectionError("the other side has closed the connection")
         self._add(size)
@@ -159,53 +187,46 @@ class TcpLink(Link):
 class TcpServerLink(TcpLink):
     """`tcpin:`, to which one client at a time connects; another one waits, with what it sends, until that has gone."""
 
-    def __init__(self, name: str, server: socket.socket, reopen: Callable[[], Link]) -> None:
-        """Take a socket that listens; the first client is waited for as its bytes are."""
-        super().__init__(name, server, reopen)
-        self._server = server
+    _client: socket.socket | None = None
+
+    def fileno(self) -> int | None:
+        """The client's, while there is one."""
+        return (self._client or self._port).fileno()
 
     def close(self) -> None:
         """Let the client go, and give the port back."""
+        self._dismiss()
         super().close()
-        self._server.close()
 
-    def wait(self, delay_s: float) -> Awaited:  # noqa: ARG002  # who listens has nothing to try again
+    def wait(self, delay_s: float) -> None:  # noqa: ARG002  # who listens has nothing to try again
         """The client has gone: wait for another, and go on listening."""
-        self._port.close()
-        self._port = self._server
-        return _NextClient(self)
+        self._dismiss()
 
-    def accept(self) -> bool:
+    def has_returned(self) -> bool:
+        """Whether another client has come."""
+        return self._accept()
+
+    def _dismiss(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def _accept(self) -> bool:
         """Take a client who has come; whether one had."""
         try:
-            client, _ = self._server.accept()
+            client, _ = self._port.accept()
         except OSError:  # none, or one that has gone already
             return False
         keep_alive(client)
         client.setblocking(False)
-        self._port = client
+        self._client = client
         return True
 
     def _fetch(self) -> bool:
-        if self._port is self._server and not self.accept():
+        if self._client is None and not self._accept():
             return False
-        return super()._fetch()
-
-
-class _NextClient(Awaited):
-    """A port whose client has gone."""
-
-    def __init__(self, link: TcpServerLink) -> None:
-        self._link = link
-
-    def fileno(self) -> int | None:
-        return self._link.fileno()
-
-    def take(self) -> TcpServerLink | None:
-        return self._link if self._link.accept() else None
-
-    def close(self) -> None:
-        self._link.close()
+        assert self._client is not None
+        return self._receive(self._client)
 
 
 class SerialLink(Link):
@@ -225,7 +246,7 @@ class SerialLink(Link):
 
     def fileno(self) -> int | None:
         """None on Windows, which has no descriptors for serial ports."""
-        return self._port.fileno() if os.name == "posix" else None
+        return super().fileno() if os.name == "posix" else None
 
     def _fetch(self) -> bool:
         descriptor = self.fileno()

@@ -17,8 +17,8 @@ from gcs_bridge.chunks import Framing
 from gcs_bridge.contract import readable
 from gcs_bridge.events import Damage, Event, LinkDown, LinkUp, utc
 from gcs_bridge.judging.monitor import Monitor
-from gcs_bridge.links.again import FIRST_DELAY_S, Awaited, longer
 from gcs_bridge.links.link import Link, LinkDownError, now_us
+from gcs_bridge.links.reopening import FIRST_DELAY_S, longer
 
 __all__ = ["Stop", "listen"]
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
@@ -87,7 +87,7 @@ def listen(
         taken_s = ticked_s = time.monotonic()
         judged_s = 0.0
         while not stop() and (asked_s := time.monotonic()) < ends_s:
-            _wait(listened, min(_TICK_S, ends_s - asked_s))
+            _wait(links, min(_TICK_S, ends_s - asked_s))
             came_s = time.monotonic()
             if came_s - asked_s < _AT_ONCE_S:
                 came_s = taken_s  # it came while the last batch was judged, and has waited since
@@ -103,14 +103,14 @@ def listen(
                     if one not in heard:  # there may be more to come that waited while this process was held up
                         one.advance()
     finally:
-        for one in listened:
-            one.close()
+        for link in links:
+            link.close()
 
 
-def _wait(listened: Sequence[_Listened], seconds: float) -> None:
+def _wait(links: Sequence[Link], seconds: float) -> None:
     """Until something has come on any of them; not long where there is one that cannot be waited for."""
-    descriptors = [descriptor for one in listened if (descriptor := one.fileno()) is not None]
-    if len(descriptors) < len(listened):
+    descriptors = [descriptor for link in links if (descriptor := link.fileno()) is not None]
+    if len(descriptors) < len(links):
         seconds = min(seconds, _POLL_S)
     if descriptors:
         select.select(descriptors, [], [], seconds)
@@ -130,7 +130,7 @@ class _Listened:
         note: Callable[[str], None],
     ) -> None:
         self._link = link
-        self._awaited: Awaited | None = None
+        self._is_up = True
         self._delay_s = FIRST_DELAY_S
         self._number = number
         self._monitor = monitor
@@ -144,24 +144,21 @@ class _Listened:
         self._noise = _Noise(self._monitor.frames_of(self._number))
         self._monitor.open_link(self._number, datagrams=self._link.framing is Framing.DATAGRAM)
 
-    def fileno(self) -> int | None:
-        """The descriptor to wait on, if there is one."""
-        return (self._awaited or self._link).fileno()
-
-    def close(self) -> None:
-        """Give the port back."""
-        (self._awaited or self._link).close()
-
     def take(self) -> bool:
         """Judge everything that has arrived; whether there was anything."""
-        if self._awaited is not None and not self._has_returned(self._awaited):
-            return False
+        if not self._is_up:
+            if not self._link.has_returned():
+                return False
+            self._is_up = True
+            self._begin()
+            self.say(LinkUp)
         try:
             chunks = self._link.drain()
         except LinkDownError as end:
             self._tell(self._monitor.close_link(self._number, now_us()))
             self.say(LinkDown, reason=readable(str(end)))
-            self._awaited = self._link.wait(self._delay_s)
+            self._is_up = False
+            self._link.wait(self._delay_s)
             self._delay_s = longer(self._delay_s)  # unless it brings something next time
             return False
         if len(chunks):
@@ -173,22 +170,11 @@ class _Listened:
             self.say(Damage, reason=f"{lost} datagrams were dropped here: this machine is too slow", dropped=lost)
         return len(chunks) > 0
 
-    def _has_returned(self, awaited: Awaited) -> bool:
-        link = awaited.take()
-        if link is None:
-            return False
-        self._link, self._awaited = link, None
-        self._begin()
-        self.say(LinkUp)
-        return True
-
     def look(self) -> None:
         """Tell what is wrong with the link, if something has been for a while."""
-        if self._awaited is not None:
-            if why := self._awaited.why():
-                self._note(f"it is tried again and again: {why}")
-            return
-        if self._noise.is_news(self._monitor.frames_of(self._number)):
+        if why := self._link.why_not():
+            self._note(f"a link has gone, and is tried again and again: {why}")
+        if self._is_up and self._noise.is_news(self._monitor.frames_of(self._number)):
             self.say(Damage, reason=self._link.unreadable, dropped=0)
 
     def advance(self) -> None:

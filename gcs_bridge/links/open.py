@@ -8,13 +8,16 @@ import socket
 import struct
 import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from gcs_bridge.errors import SourceError
 from gcs_bridge.links.link import DatagramLink, Link, SerialLink, TcpLink, TcpServerLink, keep_alive
 from gcs_bridge.links.port_owner import device_owner, is_running, port_owner
 from gcs_bridge.links.uri import NetworkUri, SerialUri, Uri
+
+if TYPE_CHECKING:  # loaded when a device is opened
+    from serial import Serial
 
 __all__ = ["OPENERS", "open_link"]
 _PATIENCE_S = 5.0  # to connect; the system would try for two minutes
@@ -23,18 +26,25 @@ _SERIAL_NAMES = ("tty", "cu.", "rfcomm")  # of real ports; of a pair of terminal
 
 def open_link(uri: Uri) -> Link:
     """Open the link; SourceError in one line, with what to do next, where it cannot be."""
-    try:
-        return OPENERS[uri.kind](uri)
-    except (OSError, ValueError, OverflowError) as error:  # pyserial's own errors are OSErrors
-        raise SourceError(f"{uri}: {_reason(uri, error)}") from None
+    kind, open_port = OPENERS[uri.kind]
+
+    def opened() -> Any:
+        try:
+            return open_port(uri)
+        except (OSError, ValueError, OverflowError) as error:  # pyserial's own errors are OSErrors
+            raise SourceError(f"{uri}: {_reason(uri, error)}") from None
+
+    return kind(str(uri), opened)
 
 
-def _open_udpin(uri: Uri) -> Link:
+def _open_udpin(uri: Uri) -> socket.socket:
     assert isinstance(uri, NetworkUri)
-    return _opened(uri, DatagramLink, _bound(uri, socket.SOCK_DGRAM))
+    port = _bound(uri, socket.SOCK_DGRAM)
+    port.setblocking(False)
+    return port
 
 
-def _open_mcast(uri: Uri) -> Link:
+def _open_mcast(uri: Uri) -> socket.socket:
     assert isinstance(uri, NetworkUri)
     port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -44,48 +54,46 @@ def _open_mcast(uri: Uri) -> Link:
     except OSError:
         port.close()
         raise
-    return _opened(uri, DatagramLink, port)
+    port.setblocking(False)
+    return port
 
 
-def _open_tcp(uri: Uri) -> Link:
+def _open_tcp(uri: Uri) -> socket.socket:
     assert isinstance(uri, NetworkUri)
     port = socket.create_connection((uri.host, uri.port), timeout=_PATIENCE_S)
     if port.getsockname() == port.getpeername():  # tried often, a free port of this machine connects to itself
         port.close()
         raise ConnectionRefusedError(errno.ECONNREFUSED, os.strerror(errno.ECONNREFUSED))
     keep_alive(port)
-    return _opened(uri, TcpLink, port)
+    port.setblocking(False)
+    return port
 
 
-def _open_tcpin(uri: Uri) -> Link:
+def _open_tcpin(uri: Uri) -> socket.socket:
     assert isinstance(uri, NetworkUri)
     port = _bound(uri, socket.SOCK_STREAM)
     port.listen(1)
-    return _opened(uri, TcpServerLink, port)
+    port.setblocking(False)
+    return port
 
 
-def _open_serial(uri: Uri) -> Link:
+def _open_serial(uri: Uri) -> Serial:
     assert isinstance(uri, SerialUri)
     from serial import Serial
 
     if Path(os.path.realpath(uri.device)).name.startswith(_SERIAL_NAMES) and device_owner(uri.device):
         raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))  # two readers would have half of the bytes each
-    return SerialLink(str(uri), Serial(uri.device, uri.baud, timeout=0, exclusive=True), partial(open_link, uri))
+    return Serial(uri.device, uri.baud, timeout=0, exclusive=True)
 
 
-# The kinds of link; what they are called is in `links.uri`.
-OPENERS: dict[str, Callable[[Uri], Link]] = {
-    "udpin": _open_udpin,
-    "mcast": _open_mcast,
-    "tcp": _open_tcp,
-    "tcpin": _open_tcpin,
-    "serial": _open_serial,
+# The kinds of link, and what opens the port of each; what they are called is in `links.uri`.
+OPENERS: dict[str, tuple[type[Link], Callable[[Uri], Any]]] = {
+    "udpin": (DatagramLink, _open_udpin),
+    "mcast": (DatagramLink, _open_mcast),
+    "tcp": (TcpLink, _open_tcp),
+    "tcpin": (TcpServerLink, _open_tcpin),
+    "serial": (SerialLink, _open_serial),
 }
-
-
-def _opened(uri: NetworkUri, kind: Callable[..., Link], port: socket.socket) -> Link:
-    port.setblocking(False)
-    return kind(str(uri), port, partial(open_link, uri))
 
 
 def _bound(uri: NetworkUri, kind: socket.SocketKind) -> socket.socket:

@@ -17,7 +17,7 @@ import pytest
 
 from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import SourceError
-from gcs_bridge.links.link import Link, LinkDownError, now_us
+from gcs_bridge.links.link import Link, LinkDownError, SerialLink, now_us
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.port_owner import port_owner
 from gcs_bridge.links.uri import NetworkUri, SerialUri
@@ -291,5 +291,5 @@ def test_permission_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setitem(opening.OPENERS, "serial", refuse)
+    monkeypatch.setitem(opening.OPENERS, "serial", (SerialLink, refuse))
     assert "'sudo usermod -aG dialout $USER'" in refusal(SerialUri("/dev/ttyNONE0", 57600))

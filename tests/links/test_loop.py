@@ -460,7 +460,7 @@ def test_a_link_without_a_descriptor() -> None:
     opened, uri = udp_link()
     frames = fixture("a_copter_square", from_s=75, to_s=76)
     with (
-        Live(Polled(str(uri), opened._port, pytest.fail)) as live,
+        Live(Polled(str(uri), lambda: opened._port)) as live,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
     ):
         paced(frames, lambda data: sender.sendto(data, (uri.host, uri.port)), 4)
