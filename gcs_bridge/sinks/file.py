@@ -15,6 +15,7 @@ from gcs_bridge.sinks.base import Plan, Sink
 
 __all__ = ["FileSink", "LiveFile"]
 _RETRY_S = 1.0  # so often a file that could not be written to is tried again
+_STEADY_S = 10.0  # so long it must be written to until it is told: on a full disk small pieces find room now and then
 
 
 def _nobody(_: str) -> None:
@@ -38,10 +39,11 @@ class LiveFile:
             raise UsageError(f"cannot write {path}: {error.strerror}") from None
         self.path = path
         self.failed = False
+        self._is_stuck = False  # what comes is left out, for now
         self._complain = complain
         self._note = note
-        self._left_out = 0  # bytes, since it could not be written to
-        self._retry_s = 0.0
+        self._left_out = 0  # bytes, since it was told that it could not be written to
+        self._retry_s = self._well_s = 0.0
 
     def __enter__(self) -> LiveFile:
         return self
@@ -50,6 +52,11 @@ class LiveFile:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    @property
+    def is_ailing(self) -> bool:
+        """Whether it could not be written to, and its recovery was not told yet."""
+        return self._left_out > 0
 
     @property
     def size(self) -> int:
@@ -64,7 +71,8 @@ class LiveFile:
 
     def append(self, data: bytes) -> bool:
         """Hand the bytes to the system, all or none of them: from here on they outlive this process. Whether it did."""
-        if self._left_out and time.monotonic() < self._retry_s:
+        now_s = time.monotonic()
+        if self._is_stuck and now_s < self._retry_s:
             self._left_out += len(data)
             return False
         rest = memoryview(data)
@@ -75,11 +83,13 @@ class LiveFile:
             self._take_back(len(data) - len(rest))
             if not self._left_out:
                 self._complain(f"cannot write {self.path}: {error.strerror}; going on without it until that is mended")
-            self.failed = True
+            self.failed = self._is_stuck = True
             self._left_out += len(data)
-            self._retry_s = time.monotonic() + _RETRY_S
+            self._retry_s = now_s + _RETRY_S
             return False
-        if self._left_out:
+        if self._is_stuck:
+            self._is_stuck, self._well_s = False, now_s
+        if self._left_out and now_s - self._well_s >= _STEADY_S:
             self._note(f"{self.path} is written again; {self._left_out / 1e6:.3f} MB were left out")
             self._left_out = 0
         return True

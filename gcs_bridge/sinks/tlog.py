@@ -137,7 +137,7 @@ class _Recording:
 
     def _go_on(self) -> bool:
         """Begin the next file. Where that cannot be done, this one is gone on with, and it is tried again later."""
-        if time.monotonic() < self._retry_s:
+        if self._file.is_ailing or time.monotonic() < self._retry_s:
             return False
         try:
             following = self._opened(self._part + 1)

@@ -58,10 +58,12 @@ def fixture(name: str, *, from_s: float = 0.0, to_s: float = 1e6, fault: str | N
     return tuple(frames_of(inject(tlog_of(frames), [parse_fault(fault)], from_s=lasts_s * 2 / 3)))
 
 
-def recorder(path: Path, links: Sequence[str] = ("a link",), **limits: float) -> TlogRecorder:
+def recorder(
+    path: Path, *, links: Sequence[str] = ("a link",), max_mb: float | None = None, max_minutes: float | None = None
+) -> TlogRecorder:
     """A recorder as `listen --record` has it; what it complains of fails the test."""
     context = SinkContext(title="x", links=links, note=lambda _: None, complain=pytest.fail, stack=ExitStack())
-    opened = TlogRecorder.plan(str(path), **limits).open(context)
+    opened = TlogRecorder.plan(str(path), max_mb=max_mb, max_minutes=max_minutes).open(context)
     assert isinstance(opened, TlogRecorder)
     return opened
 
