@@ -90,7 +90,7 @@ def test_real_speed(tmp_path: Path) -> None:
         raised = [event for event in told if event["event"] == "alarm_raised"]
         assert [(event["id"], event["boot_s"]) for event in raised] == [(alarm["id"], alarm["raised_boot_s"])]
         assert ALARM in "".join(process.said)
-        assert process.said[-1].endswith(": 1 vehicle, 1 alarm\n")
+        assert ": 1 vehicle, 1 alarm: euler_quaternion at " in process.said[-1]
 
 
 @pytest.mark.slow
@@ -174,7 +174,7 @@ def test_quiet(tmp_path: Path) -> None:
         assert process.ended() == (0, "")
     raised, summary = process.said
     assert raised.endswith(f"  {ALARM}, tilt 0.00°, heading 25.00°\n")
-    assert summary == f"ALARM       udpin:127.0.0.1:{port}: 1 vehicle, 1 alarm\n"
+    assert summary.startswith(f"ALARM       udpin:127.0.0.1:{port}: 1 vehicle, 1 alarm: euler_quaternion at ")
 
 
 @pytest.mark.slow
