@@ -44,7 +44,9 @@ def cut_torn_record(path: Path) -> None:
 
 
 def first_time_us(path: Path) -> int | None:
-    """The receive time of the first record, µs since 1970; None where there is none."""
+    """The receive time of the first record, µs since 1970; None where there is none, and of what is no file."""
+    if not path.is_file():
+        return None
     try:
         with path.open("rb") as file:
             time = file.read(_TIME)

@@ -299,6 +299,17 @@ def test_links_of_like_names_have_files_of_their_own(tmp_path: Path) -> None:
         assert sorted(file.name for file in tmp_path.iterdir()) == ["a_dev-a-b-link0.tlog", "a_dev-a-b-link1.tlog"]
 
 
+def test_into_a_pipe(tmp_path: Path) -> None:
+    """Whoever reads it gets every record; nothing is read from it, or cut off."""
+    pipe = tmp_path / "live.tlog"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    with contextlib.closing(recorder(pipe, max_minutes=10)) as sink:
+        sink.frames(0, FRAMES[:50])
+        assert os.read(reader, 2**16) == tlog_of(FRAMES[:50])
+    os.close(reader)
+
+
 # --- what is not kept ------------------------------------------------------------------------------------------------
 
 
