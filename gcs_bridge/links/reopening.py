@@ -78,6 +78,6 @@ class Reopening:
             with self._lock:
                 if not self._ended.is_set():
                     self._port = port
-                    self._wake.send(b"!")
+                    self._wake.close()  # who waits for its other end wakes up: no byte is sent, not even here
                     return
             port.close()

@@ -409,7 +409,7 @@ def test_who_leaves_at_once_is_not_asked_for_again_and_again(monkeypatch: pytest
         ended.set()
         thread.join()
     gaps = [later - earlier for earlier, later in itertools.pairwise(accepted)]
-    assert all(later > 1.4 * earlier for earlier, later in itertools.pairwise(gaps))
+    assert all(gap > 0.6 * 0.05 * 2**tries for tries, gap in enumerate(gaps))  # so much at least; it may be held up
     assert "Connection reset by peer" in {event.get("reason") for event in live.events}
 
 
