@@ -29,7 +29,10 @@ class SourceError(GcsBridgeError):
 
 
 def one_line(text: str) -> str:
-    r"""The text without line breaks and control characters: file names may hold both, and terminals obey them.
+    r"""The text as one line of signs that can be shown; all others are spelled out.
+
+    File names and texts from the air may hold line breaks, control characters and such as turn the direction of
+    writing, and terminals obey them.
 
     >>> one_line("a\nb \x1b[2J.tlog")
     'a b \\x1b[2J.tlog'

@@ -88,13 +88,13 @@ class LinkUp(Event, frozen=True, kw_only=True, tag="link_up"):
 
 
 class LinkDown(Event, frozen=True, kw_only=True, tag="link_down"):
-    """A link has ended."""
+    """A link has gone; it is waited for, and `link_up` tells of its return."""
 
     reason: str
 
 
 class Damage(Event, frozen=True, kw_only=True, tag="damage"):
-    """Data were lost on this side of a link."""
+    """Data were lost on this side of a link, or no frame is found in what comes on it."""
 
     reason: str
     dropped: Annotated[int, Meta(description="datagrams that this machine was too slow to take")]

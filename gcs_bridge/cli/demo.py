@@ -53,7 +53,7 @@ def demo(duration_s: float, speed: float, **options: Any) -> int:
         kind="note",
     )
     code = run.run(
-        [lambda: open_link(uri, dialect=options["dialect"])],
+        [lambda: open_link(uri)],
         title="demo",
         duration_s=lasts_s + _GRACE_S,
         beside=lambda: Player(frames, uri.port, speed=speed),

@@ -25,12 +25,19 @@ __all__ = ["listen"]
 def listen(uris: tuple[str, ...], baud: int, duration_s: float | None, **options: Any) -> int:
     """Listen on links, judge every vehicle on them, and tell what happens; nothing is ever sent.
 
-    URIs: udpin:HOST:PORT (wait for datagrams there), tcp:HOST:PORT (connect), /dev/ttyACM0 or COM3.
+    \b
+    URIs: udpin:HOST:PORT    wait for datagrams there; udpin:[::]:14550 for IPv6 too
+          tcp:HOST:PORT      connect to a server
+          tcpin:HOST:PORT    wait for a client
+          mcast:             a multicast group, 239.255.145.50:14550 unless another is named
+          /dev/ttyACM0, COM3 a serial device, read at --baud
+
+    A link that has gone is waited for, however long that takes, and opened again.
     Ctrl-C, SIGTERM or --duration end it; then a line a link sums up.
 
     \b
-    Exit codes: 0 ended as asked, whatever was raised, 2 usage or configuration,
-    3 a link that cannot be opened, or every link has ended.
+    Exit codes: 0 ended as asked, whatever was raised, 2 usage or configuration, or a file
+    that could not be written to its end, 3 a link that cannot be opened at the start.
     """
     from gcs_bridge.links.uri import parse_uri
 
@@ -44,7 +51,7 @@ def listen(uris: tuple[str, ...], baud: int, duration_s: float | None, **options
         def opened() -> Link:
             from gcs_bridge.links.open import open_link
 
-            return open_link(uri, dialect=options["dialect"])
+            return open_link(uri)
 
         return opened
 

@@ -176,6 +176,11 @@ class Monitor:
         self.finish()
         return Report.of(link.entry(str(name)) for name, link in self._links.items())
 
+    def frames_of(self, link: int) -> int:
+        """How many frames of known messages came on a link so far."""
+        found = self._links.get(link)
+        return 0 if found is None else found.frames
+
     @property
     def window_is_empty(self) -> bool:
         """Whether frames were read, and none of them within the times to judge."""

@@ -1,7 +1,8 @@
-"""Live links: opened by pymavlink's connections, read by us from the descriptor, never written to.
+"""Live links: sockets and serial ports that are read and never written to.
 
 A link is drained: one call takes everything that has arrived. The batch is one message where the link is quiet, and
-grows under load. Datagrams keep their borders; a stream is cut wherever it was cut on the way.
+grows under load. Datagrams keep their borders; a stream is cut wherever it was cut on the way. A link that has gone is
+waited for.
 """
 
 from __future__ import annotations
@@ -12,19 +13,27 @@ import select
 import socket
 import sys
 import time
-from collections.abc import Iterator
-from typing import Any, ClassVar
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from gcs_bridge.chunks import Chunk, Chunks, Framing
 from gcs_bridge.links.datagrams import AT_ONCE, DatagramReader
+from gcs_bridge.links.reopening import Reopening
 
-__all__ = ["DatagramLink", "Link", "LinkDownError", "SerialLink", "StreamLink", "TcpLink", "now_us"]
+if TYPE_CHECKING:  # loaded when a device is opened
+    from serial import Serial
+
+__all__ = ["DatagramLink", "Link", "LinkDownError", "SerialLink", "TcpLink", "TcpServerLink", "keep_alive", "now_us"]
 _LARGEST = 65_536  # a datagram
 # Bounds what one drain takes, so that a flood cannot keep the loop from the clock, and from other links.
 _BATCH_BYTES, _BATCH_CHUNKS = 2**20, 4096
 _RECEIVE_BUFFER = 16 * 2**20  # asked for: some tenths of a second at the highest rates; the system may give less
+# After so many seconds of silence, each so many seconds, so many times in vain: a connection without another side ends
+# some ten seconds after its last byte. macOS calls the first by its second name.
+_KEEP_ALIVE = {("TCP_KEEPIDLE", "TCP_KEEPALIVE"): 5, ("TCP_KEEPINTVL",): 2, ("TCP_KEEPCNT",): 3}
+_USUAL_BAUD = (57600, 115200, 921600, 230400, 460800, 500000, 38400, 9600)  # telemetry radios first
 _SO_RCVBUFFORCE = 33  # of Linux's asm-generic/socket.h: beyond the system's limit, for who may
 
 
@@ -37,19 +46,33 @@ class Link:
 
     framing: ClassVar[Framing]
 
-    def __init__(self, name: str, connection: Any) -> None:
-        """Take one of pymavlink's connections; `name` is its URI."""
+    def __init__(self, name: str, open_port: Callable[[], Any]) -> None:
+        """Open the port, now and whenever it has gone; `name` is the link's URI."""
         self.name = name
         self.dropped = 0  # datagrams that the system dropped because they were not fetched in time
-        self._connection = connection
+        self._open_port = open_port
+        self._reopening: Reopening | None = None
         self._data = np.empty(_BATCH_BYTES + AT_ONCE * _LARGEST, np.uint8)  # memory is taken where it is written to
         self._ends = np.empty(_BATCH_CHUNKS + AT_ONCE, np.int64)
         self._t_rx_us = np.empty(_BATCH_CHUNKS + AT_ONCE, np.int64)
         self._count = 0
+        self._begin(open_port())
+
+    def _begin(self, port: Any) -> None:
+        """The port is open, for the first time or anew."""
+        self._port = port
+
+    @property
+    def unreadable(self) -> str:
+        """What it may be where bytes come and no frame is found in them, and what to do."""
+        return "bytes come, but no MAVLink frame: something else sends here, or in a dialect that --dialect names"
 
     def fileno(self) -> int | None:
-        """The descriptor to wait on; None where the system has none, and the link must be asked from time to time."""
-        return int(self._connection.port.fileno())
+        """The descriptor to wait on; None where the system has none, and the link must be asked from time to time.
+
+        Of a link that has gone it can be read when that `has_returned`.
+        """
+        return int((self._reopening or self._port).fileno())
 
     def __iter__(self) -> Iterator[Chunk]:
         return iter(self.drain())
@@ -73,8 +96,29 @@ class Link:
         return Chunks(self._data[: self._size], self._ends[:count], self._t_rx_us[:count], self.framing)
 
     def close(self) -> None:
-        """Give the port back."""
-        self._connection.close()
+        """Give the port back; a second call does nothing."""
+        self._port.close()
+        if self._reopening is not None:
+            self._reopening.close()
+            self._reopening = None
+
+    def wait(self, delay_s: float) -> None:
+        """It has gone, by LinkDownError: wait for its return; `delay_s` before the first try."""
+        self.close()
+        self._reopening = Reopening(self._open_port, delay_s)
+
+    def has_returned(self) -> bool:
+        """Whether a link that had gone is there again; from then on it is drained as before."""
+        port = None if self._reopening is None else self._reopening.take()
+        if port is None:
+            return False
+        self._reopening = None
+        self._begin(port)
+        return True
+
+    def why_not(self) -> str | None:
+        """Why it has not returned yet, once that has lasted, and each reason once; None: nothing new."""
+        return None if self._reopening is None else self._reopening.why()
 
     @property
     def _size(self) -> int:
@@ -97,63 +141,117 @@ class Link:
 
 
 class DatagramLink(Link):
-    """`udpin:`. On Linux each datagram brings the time at which it arrived, and drops are counted."""
+    """`udpin:`, `mcast:`. On Linux each datagram brings the time at which it arrived, and drops are counted."""
 
     framing = Framing.DATAGRAM
+    _port: socket.socket
 
-    def __init__(self, name: str, connection: Any) -> None:
+    def _begin(self, port: socket.socket) -> None:
         """Ask the socket for a large buffer, for times and for drops."""
-        super().__init__(name, connection)
-        self._socket: socket.socket = connection.port
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        super()._begin(port)
+        self.dropped = 0
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
         if sys.platform == "linux":
             with contextlib.suppress(PermissionError):
-                self._socket.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
-        # pymavlink binds with SO_REUSEADDR; taken back, so that nobody else can bind the port and take the datagrams.
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
+                port.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
         self._reader: DatagramReader | None = None
         with contextlib.suppress(OSError):
-            self._reader = DatagramReader(self._socket)
+            self._reader = DatagramReader(port)
 
     def _fetch(self) -> bool:
         if self._reader is None:
-            self._add(self._socket.recv_into(self._room()))
+            self._add(self._port.recv_into(self._room()))
             return True
         before, self._count = self._count, self._reader.read(self._data, self._ends, self._t_rx_us, self._count)
         self.dropped = self._reader.dropped
         return self._count == before + AT_ONCE
 
 
-class StreamLink(Link):
-    """A link without borders."""
-
-    framing = Framing.STREAM
-
-
-class TcpLink(StreamLink):
+class TcpLink(Link):
     """`tcp:`, connected."""
 
+    framing = Framing.STREAM
+    _port: socket.socket
+
     def _fetch(self) -> bool:
-        size: int = self._connection.port.recv_into(self._room()[:_BATCH_BYTES])
+        return self._receive(self._port)
+
+    def _receive(self, connection: socket.socket) -> bool:
+        size = connection.recv_into(self._room()[:_BATCH_BYTES])
         if not size:
             raise ConnectionError("the other side has closed the connection")
         self._add(size)
         return False  # what has come meanwhile is the next batch's
 
 
-class SerialLink(StreamLink):
+class TcpServerLink(TcpLink):
+    """`tcpin:`, to which one client at a time connects; another one waits, with what it sends, until that has gone."""
+
+    _client: socket.socket | None = None
+
+    def fileno(self) -> int | None:
+        """The client's, while there is one."""
+        return (self._client or self._port).fileno()
+
+    def close(self) -> None:
+        """Let the client go, and give the port back."""
+        self._dismiss()
+        super().close()
+
+    def wait(self, delay_s: float) -> None:  # noqa: ARG002  # who listens has nothing to try again
+        """The client has gone: wait for another, and go on listening."""
+        self._dismiss()
+
+    def has_returned(self) -> bool:
+        """Whether another client has come."""
+        return self._accept()
+
+    def _dismiss(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def _accept(self) -> bool:
+        """Take a client who has come; whether one had."""
+        try:
+            client, _ = self._port.accept()
+        except OSError:  # none, or one that has gone already
+            return False
+        keep_alive(client)
+        client.setblocking(False)
+        self._client = client
+        return True
+
+    def _fetch(self) -> bool:
+        if self._client is None and not self._accept():
+            return False
+        assert self._client is not None
+        return self._receive(self._client)
+
+
+class SerialLink(Link):
     """A serial device."""
+
+    framing = Framing.STREAM
+    _port: Serial
+
+    @property
+    def unreadable(self) -> str:
+        """The speed is wrong, most likely: that makes noise of frames."""
+        others = [str(rate) for rate in _USUAL_BAUD if rate != self._port.baudrate]
+        return (
+            f"bytes come, but no MAVLink frame: the device is read at --baud {self._port.baudrate}, and sends at "
+            f"another speed, it seems; try --baud {', '.join(others[:-1])} or {others[-1]}"
+        )
 
     def fileno(self) -> int | None:
         """None on Windows, which has no descriptors for serial ports."""
-        return None if self._connection.fd is None else int(self._connection.fd)
+        return super().fileno() if os.name == "posix" else None
 
     def _fetch(self) -> bool:
         descriptor = self.fileno()
-        size: int
         if descriptor is None:
-            port = self._connection.port
-            size = port.readinto(self._room()[: port.in_waiting])
+            size = self._port.readinto(self._room()[: self._port.in_waiting]) or 0
         elif not select.select([descriptor], [], [], 0)[0]:
             return False
         elif not (size := os.readv(descriptor, [self._room()])):
@@ -162,6 +260,18 @@ class SerialLink(StreamLink):
         if size:
             self._add(size)
         return size > 0
+
+
+def keep_alive(connection: socket.socket) -> None:
+    """Have the system ask whether the other side is there: a cable that was pulled ends no connection by itself.
+
+    It asks with empty packets; no byte of ours is in them.
+    """
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for names, seconds in _KEEP_ALIVE.items():
+        for name in names:
+            if hasattr(socket, name):
+                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), seconds)
 
 
 def now_us() -> int:

@@ -18,6 +18,7 @@ from gcs_bridge.contract import readable
 from gcs_bridge.events import Damage, Event, LinkDown, LinkUp, utc
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.links.link import Link, LinkDownError, now_us
+from gcs_bridge.links.reopening import FIRST_DELAY_S, longer
 
 __all__ = ["Stop", "listen"]
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
@@ -58,6 +59,11 @@ class Stop:
         self.asked = True
 
 
+# So long bytes come, and so many, before it is told that there is no frame among them. A heartbeat a second would be a
+# frame by then; what is left of a damaged one is less.
+_NO_FRAME_S, _NO_FRAME_BYTES = 5.0, 200
+
+
 def listen(
     links: Sequence[Link],
     monitor: Monitor,
@@ -65,38 +71,40 @@ def listen(
     *,
     stop: Callable[[], bool] = lambda: False,
     duration_s: float | None = None,
-) -> bool:
+    note: Callable[[str], None] = lambda _: None,
+) -> None:
     """Feed `monitor` from the links and `tell` each batch's events, until `stop` says so or `duration_s` is over.
 
     A batch is what has arrived: one burst where the link is quiet, more where this machine falls behind. Link number n
-    is the monitor's link n; in an event of the link itself, `link` is its name. Returns False if it ended because every
-    link had.
+    is the monitor's link n; in an event of the link itself, `link` is its name. A link that has gone is waited for, and
+    `note` is told in a line why it does not return. All links are closed in the end.
     """
     ends_s = math.inf if duration_s is None else time.monotonic() + duration_s
-    listened = [_Listened(number, link, monitor, tell) for number, link in enumerate(links)]
-    for one in listened:
-        one.say(LinkUp)
-    taken_s = ticked_s = time.monotonic()
-    judged_s = 0.0
-    while open_ones := [one for one in listened if not one.ended]:
-        asked_s = time.monotonic()
-        if stop() or asked_s >= ends_s:
-            return True
-        _wait([one.link for one in open_ones], min(_TICK_S, ends_s - asked_s))
-        came_s = time.monotonic()
-        if came_s - asked_s < _AT_ONCE_S:
-            came_s = taken_s  # it came while the last batch was judged, and has waited since
-        gather_s = min(max(_GATHER_S, 2 * judged_s), _LONGEST_S)
-        time.sleep(max(came_s + gather_s - time.monotonic(), 0))
-        taken_s = time.monotonic()
-        heard = [one for one in open_ones if one.take()]
-        judged_s = time.monotonic() - taken_s
-        if taken_s - ticked_s >= _TICK_S:
-            ticked_s = taken_s
-            for one in listened:
-                if one not in heard:  # there may be more to come that waited while this process was held up
-                    one.advance()
-    return False
+    listened = [_Listened(number, link, monitor, tell, note) for number, link in enumerate(links)]
+    try:
+        for one in listened:
+            one.say(LinkUp)
+        taken_s = ticked_s = time.monotonic()
+        judged_s = 0.0
+        while not stop() and (asked_s := time.monotonic()) < ends_s:
+            _wait(links, min(_TICK_S, ends_s - asked_s))
+            came_s = time.monotonic()
+            if came_s - asked_s < _AT_ONCE_S:
+                came_s = taken_s  # it came while the last batch was judged, and has waited since
+            gather_s = min(max(_GATHER_S, 2 * judged_s), _LONGEST_S)
+            time.sleep(max(came_s + gather_s - time.monotonic(), 0))
+            taken_s = time.monotonic()
+            heard = [one for one in listened if one.take()]
+            judged_s = time.monotonic() - taken_s
+            if taken_s - ticked_s >= _TICK_S:
+                ticked_s = taken_s
+                for one in listened:
+                    one.look()
+                    if one not in heard:  # there may be more to come that waited while this process was held up
+                        one.advance()
+    finally:
+        for link in links:
+            link.close()
 
 
 def _wait(links: Sequence[Link], seconds: float) -> None:
@@ -111,33 +119,63 @@ def _wait(links: Sequence[Link], seconds: float) -> None:
 
 
 class _Listened:
-    """One link while it is listened to."""
+    """One link while it is listened to, there or not."""
 
-    def __init__(self, number: int, link: Link, monitor: Monitor, tell: Callable[[list[Event]], None]) -> None:
-        self.link = link
-        self.ended = False
+    def __init__(
+        self,
+        number: int,
+        link: Link,
+        monitor: Monitor,
+        tell: Callable[[list[Event]], None],
+        note: Callable[[str], None],
+    ) -> None:
+        self._link = link
+        self._is_up = True
+        self._delay_s = FIRST_DELAY_S
         self._number = number
         self._monitor = monitor
         self._tell = tell
+        self._note = note
+        self._begin()
+
+    def _begin(self) -> None:
+        """The link is there."""
         self._dropped = 0
-        monitor.open_link(number, datagrams=link.framing is Framing.DATAGRAM)
+        self._noise = _Noise(self._monitor.frames_of(self._number))
+        self._monitor.open_link(self._number, datagrams=self._link.framing is Framing.DATAGRAM)
 
     def take(self) -> bool:
         """Judge everything that has arrived; whether there was anything."""
+        if not self._is_up:
+            if not self._link.has_returned():
+                return False
+            self._is_up = True
+            self._begin()
+            self.say(LinkUp)
         try:
-            chunks = self.link.drain()
+            chunks = self._link.drain()
         except LinkDownError as end:
-            self.ended = True
-            self.link.close()
             self._tell(self._monitor.close_link(self._number, now_us()))
             self.say(LinkDown, reason=readable(str(end)))
+            self._is_up = False
+            self._link.wait(self._delay_s)
+            self._delay_s = longer(self._delay_s)  # unless it brings something next time
             return False
         if len(chunks):
+            self._delay_s = FIRST_DELAY_S
+            self._noise.add(chunks.data.size)
             self._tell(self._monitor.take(chunks, self._number))
-        if self.link.dropped != self._dropped:
-            lost, self._dropped = self.link.dropped - self._dropped, self.link.dropped
+        if self._link.dropped != self._dropped:
+            lost, self._dropped = self._link.dropped - self._dropped, self._link.dropped
             self.say(Damage, reason=f"{lost} datagrams were dropped here: this machine is too slow", dropped=lost)
         return len(chunks) > 0
+
+    def look(self) -> None:
+        """Tell what is wrong with the link, if something has been for a while."""
+        if why := self._link.why_not():
+            self._note(f"a link has gone, and is tried again and again: {why}")
+        if self._is_up and self._noise.is_news(self._monitor.frames_of(self._number)):
+            self.say(Damage, reason=self._link.unreadable, dropped=0)
 
     def advance(self) -> None:
         """Nothing has come: let time pass."""
@@ -146,5 +184,36 @@ class _Listened:
     def say(self, kind: type[Event], **more: Any) -> None:
         """Tell an event of the link itself."""
         at = utc(now_us())
-        event = kind(vehicle=None, boot=None, boot_s=None, utc=at, check=None, link=readable(self.link.name), **more)
+        event = kind(vehicle=None, boot=None, boot_s=None, utc=at, check=None, link=readable(self._link.name), **more)
         self._tell([event])
+
+
+class _Noise:
+    """Bytes that come, one after the other, without a frame among them."""
+
+    def __init__(self, frames: int) -> None:
+        """So many frames came so far."""
+        self._frames = frames
+        self._told = False
+        self._forget()
+
+    def _forget(self) -> None:
+        self._bytes = 0
+        self._first_s, self._last_s = math.inf, -math.inf
+
+    def add(self, size: int) -> None:
+        """So many bytes came."""
+        self._bytes += size
+        self._last_s = time.monotonic()
+        self._first_s = min(self._first_s, self._last_s)
+
+    def is_news(self, frames: int) -> bool:
+        """So many frames came by now: whether noise has come instead of more of them, and that was not said yet."""
+        if frames != self._frames:
+            self._frames, self._told = frames, False
+            self._forget()
+        lasts = self._last_s - self._first_s > _NO_FRAME_S and self._bytes >= _NO_FRAME_BYTES
+        if self._told or not lasts:
+            return False
+        self._told = True
+        return True

@@ -1,90 +1,136 @@
-"""Opening a link: by pymavlink's connections, with everything off by which they would send, wait or try again."""
+"""Opening a link, so that nothing of it is shared with others who would take its bytes away."""
 
 from __future__ import annotations
 
 import errno
 import os
 import socket
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import struct
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gcs_bridge.errors import SourceError
-from gcs_bridge.links.link import DatagramLink, Link, SerialLink, TcpLink
-from gcs_bridge.links.udp_owner import udp_port_owner
+from gcs_bridge.links.link import DatagramLink, Link, SerialLink, TcpLink, TcpServerLink, keep_alive
+from gcs_bridge.links.port_owner import device_owner, is_running, port_owner
 from gcs_bridge.links.uri import NetworkUri, SerialUri, Uri
 
+if TYPE_CHECKING:  # loaded when a device is opened
+    from serial import Serial
+
 __all__ = ["OPENERS", "open_link"]
-# Nothing is sent, but pymavlink wants to know as whom; its default component 0 is invalid (mavlink.io,
-# guide/routing.html). Not 255: an autopilot may take that system for its ground station.
-_SYSTEM = 254
-_COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
-_PATIENCE_S = 5.0
+_PATIENCE_S = 5.0  # to connect; the system would try for two minutes
+_SERIAL_NAMES = ("tty", "cu.", "rfcomm")  # of real ports; of a pair of terminals somebody else holds the other end
 
 
-def open_link(uri: Uri, *, dialect: str = "all") -> Link:
+def open_link(uri: Uri) -> Link:
     """Open the link; SourceError in one line, with what to do next, where it cannot be."""
-    try:
-        return OPENERS[uri.kind](uri, dialect)
-    except (OSError, ValueError, OverflowError) as error:  # pyserial's own errors are OSErrors
-        raise SourceError(f"{uri}: {_reason(uri, error)}") from None
+    kind, open_port = OPENERS[uri.kind]
+
+    def opened() -> Any:
+        try:
+            return open_port(uri)
+        except (OSError, ValueError, OverflowError) as error:  # pyserial's own errors are OSErrors
+            raise SourceError(f"{uri}: {_reason(uri, error)}") from None
+
+    return kind(str(uri), opened)
 
 
-def _open_datagrams(uri: Uri, dialect: str) -> Link:
+def _open_udpin(uri: Uri) -> socket.socket:
     assert isinstance(uri, NetworkUri)
-    _refuse_taken(uri)
-    return DatagramLink(str(uri), _connected(str(uri), dialect))
+    port = _bound(uri, socket.SOCK_DGRAM)
+    port.setblocking(False)
+    return port
 
 
-def _open_tcp(uri: Uri, dialect: str) -> Link:
-    with _bounded_wait():
-        return TcpLink(str(uri), _connected(str(uri), dialect))
+def _open_mcast(uri: Uri) -> socket.socket:
+    assert isinstance(uri, NetworkUri)
+    port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # each who listens to a group gets all of it
+        port.bind((uri.host if sys.platform != "win32" else "", uri.port))
+        _join(port, socket.inet_aton(uri.host))
+    except OSError:
+        port.close()
+        raise
+    port.setblocking(False)
+    return port
 
 
-def _open_serial(uri: Uri, dialect: str) -> Link:
+def _open_tcp(uri: Uri) -> socket.socket:
+    assert isinstance(uri, NetworkUri)
+    port = socket.create_connection((uri.host, uri.port), timeout=_PATIENCE_S)
+    if port.getsockname() == port.getpeername():  # tried often, a free port of this machine connects to itself
+        port.close()
+        raise ConnectionRefusedError(errno.ECONNREFUSED, os.strerror(errno.ECONNREFUSED))
+    keep_alive(port)
+    port.setblocking(False)
+    return port
+
+
+def _open_tcpin(uri: Uri) -> socket.socket:
+    assert isinstance(uri, NetworkUri)
+    port = _bound(uri, socket.SOCK_STREAM)
+    port.listen(1)
+    port.setblocking(False)
+    return port
+
+
+def _open_serial(uri: Uri) -> Serial:
     assert isinstance(uri, SerialUri)
-    return SerialLink(str(uri), _connected(uri.device, dialect, baud=uri.baud))
+    from serial import Serial
+
+    if Path(os.path.realpath(uri.device)).name.startswith(_SERIAL_NAMES) and device_owner(uri.device):
+        raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))  # two readers would have half of the bytes each
+    return Serial(uri.device, uri.baud, timeout=0, exclusive=True)
 
 
-# The kinds of link; what they are called is in `links.uri`.
-OPENERS: dict[str, Callable[[Uri, str], Link]] = {
-    "udpin": _open_datagrams,
-    "tcp": _open_tcp,
-    "serial": _open_serial,
+# The kinds of link, and what opens the port of each; what they are called is in `links.uri`.
+OPENERS: dict[str, tuple[type[Link], Callable[[Uri], Any]]] = {
+    "udpin": (DatagramLink, _open_udpin),
+    "mcast": (DatagramLink, _open_mcast),
+    "tcp": (TcpLink, _open_tcp),
+    "tcpin": (TcpServerLink, _open_tcpin),
+    "serial": (SerialLink, _open_serial),
 }
 
 
-def _connected(device: str, dialect: str, *, baud: int = 115200) -> Any:
-    os.environ.setdefault("MAVLINK20", "1")  # how pymavlink is told to speak version 2; it reads this on import
-    from pymavlink import mavutil
-
-    return mavutil.mavlink_connection(
-        device,
-        baud=baud,
-        dialect=dialect,
-        source_system=_SYSTEM,
-        source_component=_COMPONENT,
-        autoreconnect=False,
-        retries=1,
-    )
-
-
-@contextmanager
-def _bounded_wait() -> Iterator[None]:
-    """Connect for some seconds at most: pymavlink leaves it to the system, which tries for two minutes."""
-    before = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(_PATIENCE_S)
+def _bound(uri: NetworkUri, kind: socket.SocketKind) -> socket.socket:
+    """A socket at the URI's address that nobody else can bind, too."""
+    found = socket.getaddrinfo(uri.host, uri.port, type=kind, flags=socket.AI_PASSIVE)
+    # A name that stands for both is taken for what it was before there was IPv6: vehicles send to that.
+    family, *_, address = min(found, key=lambda one: one[0] != socket.AF_INET)
+    port = socket.socket(family, kind)
     try:
-        yield
-    finally:
-        socket.setdefaulttimeout(before)
+        if family == socket.AF_INET6:
+            port.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)  # [::] takes IPv4 as well
+        if kind == socket.SOCK_STREAM and os.name == "posix":  # else the port cools down for a minute behind a client
+            port.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if sys.platform == "win32":  # where any other program could take it away
+            port.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
+        port.bind(address)
+    except OSError:
+        port.close()
+        raise
+    return port
 
 
-def _refuse_taken(uri: NetworkUri) -> None:
-    """Fail where the port is in use: pymavlink binds with SO_REUSEADDR, and would take it from another who did."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((uri.host, uri.port))
+def _join(port: socket.socket, group: bytes) -> None:
+    """Ask for a group's datagrams at every interface that can; OSError where none can."""
+    if sys.platform == "win32":  # asks where its routes say
+        port.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group + bytes(4))
+        return
+    refused: OSError | None = OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+    for index, _ in socket.if_nameindex():
+        try:
+            port.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, struct.pack("4s4si", group, bytes(4), index))
+        except OSError as error:
+            refused = refused and error
+        else:
+            refused = None
+    if refused is not None:
+        raise refused
 
 
 def _reason(uri: Uri, error: Exception) -> str:
@@ -96,16 +142,23 @@ def _reason(uri: Uri, error: Exception) -> str:
     if isinstance(error, TimeoutError):
         return f"no answer within {_PATIENCE_S:g} s"
     if number == errno.EADDRINUSE:
-        owner = udp_port_owner(uri.port)
+        owner = port_owner(uri.port, "tcp" if uri.kind == "tcpin" else "udp")
         by = f" by {owner}" if owner else ""
         return f"port {uri.port} is in use{by}: end that program, or let it forward to another port"
     if number == errno.EADDRNOTAVAIL:
-        return f"{uri.host} is no address of this machine; 0.0.0.0 stands for all of them"
+        everywhere = "[::]" if ":" in uri.host else "0.0.0.0"  # noqa: S104  # named, not bound
+        return f"{uri.host} is no address of this machine; {everywhere} stands for all of them"
     if number == errno.ECONNREFUSED:
         return "connection refused: nothing listens there"
-    if number in (errno.EACCES, errno.EPERM):
-        return f"permission refused: port {uri.port} needs an administrator; choose one above 1023"
+    if number in (errno.EACCES, errno.EPERM) and uri.port < _FIRST_FREE_PORT:
+        return f"permission refused: port {uri.port} needs an administrator; choose one above {_FIRST_FREE_PORT - 1}"
+    if number == errno.ENODEV and uri.kind == "mcast":
+        return "no network interface takes part in multicast"
     return _said(error)
+
+
+_FIRST_FREE_PORT = 1024
+_MODEM_MANAGER = "ModemManager"  # takes each new serial device for a modem, and asks it
 
 
 def _serial_reason(uri: SerialUri, error: Exception, number: int | None) -> str:
@@ -117,11 +170,25 @@ def _serial_reason(uri: SerialUri, error: Exception, number: int | None) -> str:
             f"permission refused: join the device's group with 'sudo usermod -aG {_group(uri.device)} $USER', "
             "then log in again"
         )
-    if number == errno.EBUSY:
-        return "in use by another program (a ground station, ModemManager?): end that program"
+    if number in (errno.EBUSY, errno.EAGAIN):
+        return _held(uri.device)
     if number in (errno.ENOTTY, errno.EISDIR) or "Could not configure port" in str(error):
         return "not a serial device"
     return _said(error)
+
+
+def _held(device: str) -> str:
+    owner = device_owner(device)
+    if owner is None and is_running(_MODEM_MANAGER):
+        owner = f"another program, {_MODEM_MANAGER} probably"
+    if owner is None:
+        return f"in use by another program (a ground station?); 'sudo fuser -v {device}' names it: end that program"
+    if _MODEM_MANAGER in owner:
+        return (
+            f"in use by {owner}: it lets go of what is no modem after some seconds; 'sudo systemctl stop "
+            f"{_MODEM_MANAGER}' ends it, 'sudo systemctl disable --now {_MODEM_MANAGER}' for good"
+        )
+    return f"in use by {owner}: end that program"
 
 
 def _serial_devices() -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import ipaddress
 import os
 import re
 from dataclasses import dataclass
@@ -16,14 +17,15 @@ __all__ = ["SCHEMES", "NetworkUri", "SerialUri", "Uri", "parse_uri"]
 
 @dataclass(frozen=True)
 class NetworkUri:
-    """`udpin:HOST:PORT`: wait there for datagrams; `tcp:HOST:PORT`: connect there."""
+    """A host's port: of `SCHEMES` the `kind`, of an IPv6 address without its brackets the `host`."""
 
     kind: str
     host: str
     port: int
 
     def __str__(self) -> str:
-        return f"{self.kind}:{self.host}:{self.port}"
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.kind}:{host}:{self.port}"
 
 
 @dataclass(frozen=True)
@@ -40,15 +42,14 @@ class SerialUri:
 
 Uri = NetworkUri | SerialUri
 # What a URI may begin with, and its form behind that; `links.open.OPENERS` opens it.
-SCHEMES = {"udpin": "HOST:PORT", "tcp": "HOST:PORT"}
+SCHEMES = {"udpin": "HOST:PORT", "tcp": "HOST:PORT", "tcpin": "HOST:PORT", "mcast": "[GROUP:PORT]"}
+_GROUP, _GROUP_PORT = "239.255.145.50", 14550  # pymavlink's, and so what ArduPilot's simulator sends to
 _REFUSED = {
     "udpout": (
         "udpout: cannot receive before it has sent, and sending is not enabled: "
         "let the vehicle send here, and listen to it with udpin:0.0.0.0:PORT"
     ),
     "udpbcast": "udpbcast: cannot receive before it has sent, and sending is not enabled",
-    "tcpin": "tcpin: is not supported yet: let the other side listen, and connect to it with tcp:HOST:PORT",
-    "mcast": "mcast: is not supported yet: use udpin:HOST:PORT",
 }
 _KNOWN = (*SCHEMES, *_REFUSED)
 _NEAREST = {"udp": "udpin", "udpi": "udpin", "upd": "udpin", "serial": "/dev/ttyACM0"}
@@ -63,6 +64,8 @@ def parse_uri(text: str, *, baud: int = 115200) -> Uri:
     NetworkUri(kind='udpin', host='0.0.0.0', port=14550)
     >>> parse_uri("/dev/ttyACM0", baud=57600)
     SerialUri(device='/dev/ttyACM0', baud=57600)
+    >>> str(parse_uri("mcast:"))
+    'mcast:239.255.145.50:14550'
     """
     if _is_path(text):
         return _serial(text, baud)
@@ -72,6 +75,8 @@ def parse_uri(text: str, *, baud: int = 115200) -> Uri:
         raise UsageError(f"{text!r} is no link{hint}")
     if scheme in _REFUSED:
         raise UsageError(_REFUSED[scheme])
+    if scheme == "mcast":
+        return _multicast(text, rest)
     if scheme in SCHEMES:
         return NetworkUri(scheme, *_address(text, rest))
     raise UsageError(f"unknown kind of link {scheme + ':'!r}{_hint(scheme, rest)}")
@@ -93,13 +98,39 @@ def _serial(text: str, baud: int) -> SerialUri:
 def _address(text: str, rest: str) -> tuple[str, int]:
     host, _, port = rest.rpartition(":")
     form = f"{text!r} must be as {text.partition(':')[0]}:127.0.0.1:14550"
-    if ":" in host:
-        raise UsageError(f"{form}: IPv6 is not supported yet" if port.isdecimal() else form)
+    if host.startswith("[") and host.endswith("]"):
+        host = _inner(host[1:-1], form)
+    elif ":" in host:
+        raise UsageError(f"{form}, an IPv6 address in brackets: [::1]")
     if not host:
         raise UsageError(form)
+    return host, _port(port, form)
+
+
+def _inner(host: str, form: str) -> str:
+    """The IPv6 address that stood in brackets."""
+    try:
+        return str(ipaddress.IPv6Address(host))
+    except ValueError:
+        raise UsageError(f"{form}: {host!r} is no IPv6 address") from None
+
+
+def _port(port: str, form: str) -> int:
     if not (port.isdecimal() and port.isascii() and 1 <= int(port) <= 65535):
         raise UsageError(f"{form}: the port must be from 1 to 65535")
-    return host, int(port)
+    return int(port)
+
+
+def _multicast(text: str, rest: str) -> NetworkUri:
+    """`mcast:`, `mcast:PORT` or `mcast:GROUP:PORT`, as pymavlink has them."""
+    group, _, port = rest.rpartition(":")
+    form = f"{text!r} must be as mcast:{_GROUP}:{_GROUP_PORT}"
+    try:
+        if group and not ipaddress.IPv4Address(group).is_multicast:
+            raise ValueError
+    except ValueError:
+        raise UsageError(f"{form}: groups are the IPv4 addresses from 224.0.0.0 to 239.255.255.255") from None
+    return NetworkUri("mcast", group or _GROUP, _port(port, form) if rest else _GROUP_PORT)
 
 
 def _hint(scheme: str, rest: str) -> str:

@@ -1,6 +1,7 @@
 """What a vehicle says of itself beside its motion: modes, parameters, texts, in order of arrival.
 
-Each statement carries the index of its frame: it holds for what comes behind it. Nothing is judged here.
+Each statement carries the index of its frame: it holds for what comes behind it. Nothing is judged here. Anybody may
+have sent them: their words are made one line of signs that can be shown, and nothing else, before they go anywhere.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.columns import Floats, Int64s
+from gcs_bridge.errors import one_line
 from gcs_bridge.jit import helper
 
 
@@ -126,7 +128,7 @@ def held_at(steps, frame_index):  # type: ignore[no-untyped-def]  # typed by num
 def parameters(records: npt.NDArray[np.void], frame_indices: Int64s, autopilot: str) -> Iterator[ParameterSet]:
     """PARAM_VALUE messages. PX4 sends an integer's bits in the float's place, ArduPilot its value (MAVLink docs)."""
     for record, frame_index in zip(records, frame_indices.tolist(), strict=True):
-        name = bytes(record["param_id"]).split(b"\0")[0].decode("ascii", "replace")
+        name = _words(record["param_id"])
         value = float(record["param_value"])
         bits = _INTEGER_BITS.get(int(record["param_type"])) if autopilot == "px4" else None
         if bits is not None:
@@ -139,4 +141,9 @@ _INTEGER_BITS = {1: "<Bxxx", 2: "<bxxx", 3: "<Hxx", 4: "<hxx", 5: "<I", 6: "<i"}
 
 def text_of(record: Any) -> str:
     """The text of a STATUSTEXT, as far as this one frame carries it."""
-    return bytes(record["text"]).split(b"\0")[0].decode("utf-8", "replace").strip()
+    return _words(record["text"])
+
+
+def _words(field: Any) -> str:
+    """What a field of characters says, up to its end or the first zero."""
+    return one_line(bytes(field).split(b"\0")[0].decode("utf-8", "replace"))

@@ -6,6 +6,7 @@ Too long for every run of the tests: about six minutes. A line a run; exit code 
 """
 
 import argparse
+import contextlib
 import socket
 import sys
 import tempfile
@@ -16,7 +17,6 @@ from pathlib import Path
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.uri import NetworkUri
 from gcs_bridge.mavlink.scanner import RawFrame
-from gcs_bridge.sinks.file import LiveFile
 from gcs_bridge.sinks.tlog import TlogRecorder
 from tests.helpers.live_links import (
     Live,
@@ -25,6 +25,7 @@ from tests.helpers.live_links import (
     judgement,
     paced,
     recorded_judgement,
+    recorder,
     tcp_sender,
     tlog_of,
     wait_until,
@@ -32,11 +33,11 @@ from tests.helpers.live_links import (
 from tests.helpers.paths import FIXTURES
 
 
-def over_udp(frames: Sequence[RawFrame], speed: float, recorder: TlogRecorder) -> Live:
+def over_udp(frames: Sequence[RawFrame], speed: float, sink: TlogRecorder) -> Live:
     seen: list[int] = []
 
     def record(link: int | str, came: list[RawFrame]) -> None:
-        recorder.frames(link, came)
+        sink.frames(link, came)
         seen.append(len(came))
 
     uri = NetworkUri("udpin", "127.0.0.1", free_port())
@@ -46,19 +47,19 @@ def over_udp(frames: Sequence[RawFrame], speed: float, recorder: TlogRecorder) -
     return live
 
 
-def over_tcp(frames: Sequence[RawFrame], speed: float, recorder: TlogRecorder) -> Live:
+def over_tcp(frames: Sequence[RawFrame], speed: float, sink: TlogRecorder) -> Live:
     with tcp_sender(frames, speed) as (port, _):
         link = open_link(NetworkUri("tcp", "127.0.0.1", port))
-        with Live(link, on_frames=recorder.frames) as live:
-            live.join(600)
+        with Live(link, on_frames=sink.frames) as live:
+            live.wait_for_the_end(600)
     return live
 
 
 def differences(flown: Sequence[RawFrame], way: Callable[..., Live], speed: float = 1.0) -> str:
     """Fly a recording over one kind of link; say what is not as in the recording, "" where nothing is."""
     expected = recorded_judgement(tlog_of(flown))
-    with tempfile.TemporaryDirectory() as folder, LiveFile(Path(folder) / "live.tlog", print) as file:
-        live = way(flown, speed, TlogRecorder(file))
+    with tempfile.TemporaryDirectory() as folder, contextlib.closing(recorder(Path(folder) / "live.tlog")) as opened:
+        live = way(flown, speed, opened)
         judged = judgement(live.monitor.close().files[0])
         recorded = recorded_judgement((Path(folder) / "live.tlog").read_bytes())
     said = {"judged otherwise": judged, "its recording is judged otherwise": recorded}

@@ -11,7 +11,11 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
+
+import pytest
 
 from gcs_bridge import events
 from gcs_bridge.contract import plain
@@ -23,7 +27,9 @@ from gcs_bridge.mavlink.scanner import RawFrame, Scanner
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from gcs_bridge.report.schema import File
+from gcs_bridge.sinks.base import SinkContext
 from gcs_bridge.sinks.event_lines import event_json, link_name
+from gcs_bridge.sinks.tlog import TlogRecorder
 from tests.helpers.paths import FIXTURES
 
 Event = dict[str, Any]
@@ -50,6 +56,16 @@ def fixture(name: str, *, from_s: float = 0.0, to_s: float = 1e6, fault: str | N
         return tuple(frames)
     lasts_s = (frames[-1].t_rx_us - frames[0].t_rx_us) / 1e6
     return tuple(frames_of(inject(tlog_of(frames), [parse_fault(fault)], from_s=lasts_s * 2 / 3)))
+
+
+def recorder(
+    path: Path, *, links: Sequence[str] = ("a link",), max_mb: float | None = None, max_minutes: float | None = None
+) -> TlogRecorder:
+    """A recorder as `listen --record` has it; what it complains of fails the test."""
+    context = SinkContext(title="x", links=links, note=lambda _: None, complain=pytest.fail, stack=ExitStack())
+    opened = TlogRecorder.plan(str(path), max_mb=max_mb, max_minutes=max_minutes).open(context)
+    assert isinstance(opened, TlogRecorder)
+    return opened
 
 
 def judgement(entry: File) -> list[dict[str, Any]]:
@@ -110,9 +126,11 @@ def tcp_sender(
     """
     received: list[bytes] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
+        port: int = server.getsockname()[1]
 
         def serve() -> None:
             peer, _ = server.accept()
+            server.close()  # who comes again is refused
             with peer, contextlib.suppress(ConnectionError):
                 if cut is None:
                     paced(frames, peer.sendall, speed)
@@ -127,7 +145,7 @@ def tcp_sender(
 
         thread = threading.Thread(target=serve, daemon=True)
         thread.start()
-        yield server.getsockname()[1], received
+        yield port, received
         thread.join()
 
 
@@ -136,13 +154,14 @@ class Live:
 
     def __init__(self, *links: Link, **monitor_options: Any) -> None:
         self.events: list[Event] = []
+        self.notes: list[str] = []
         self.monitor = Monitor(**monitor_options)
         self._links = links
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def _run(self) -> None:
-        listen(self._links, self.monitor, self._tell, stop=self._stop.is_set)
+        listen(self._links, self.monitor, self._tell, stop=self._stop.is_set, note=self.notes.append)
 
     def _tell(self, told: Sequence[events.Event]) -> None:
         names = [link.name for link in self._links]
@@ -160,14 +179,12 @@ class Live:
 
     def __exit__(self, *_: object) -> None:
         self._stop.set()
-        self.join()
-        for link in self._links:
-            link.close()
-
-    def join(self, seconds: float = 30.0) -> None:
-        """Wait until it has ended, as it does when every link has."""
-        self._thread.join(seconds)
+        self._thread.join(30.0)
         assert not self._thread.is_alive()
+
+    def wait_for_the_end(self, seconds: float = 30.0) -> None:
+        """Wait until every link has gone."""
+        wait_until(lambda: self.names().count("link_down") == len(self._links), seconds)
 
     def names(self) -> list[str]:
         return [event["event"] for event in self.events]

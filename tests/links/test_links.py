@@ -6,7 +6,9 @@ import os
 import pty
 import random
 import select
+import shutil
 import socket
+import subprocess
 import sys
 import time
 import tty
@@ -17,9 +19,9 @@ import pytest
 
 from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import SourceError
-from gcs_bridge.links.link import Link, LinkDownError, now_us
+from gcs_bridge.links.link import Link, LinkDownError, SerialLink, now_us
 from gcs_bridge.links.open import open_link
-from gcs_bridge.links.udp_owner import udp_port_owner
+from gcs_bridge.links.port_owner import port_owner
 from gcs_bridge.links.uri import NetworkUri, SerialUri
 from tests.helpers.live_links import Live, fixture, free_port, tcp_sender, wait_until
 
@@ -204,7 +206,7 @@ def test_nothing_is_sent_over_tcp() -> None:
     """From opening to closing, the server receives no byte."""
     with tcp_sender(fixture("e_two_vehicles", to_s=8), 20) as (port, received):
         with Live(open_link(NetworkUri("tcp", "127.0.0.1", port))) as live:
-            live.join()
+            live.wait_for_the_end()
             assert live.names().count("vehicle_seen") == 2
         wait_until(lambda: bool(received))
     assert received == [b""]
@@ -243,11 +245,11 @@ def test_port_in_use(reuse: int) -> None:
         assert f"port {port} is in use" in said
         if sys.platform == "linux":
             assert f"(process {os.getpid()})" in said
-    assert udp_port_owner(port) is None
+    assert port_owner(port, "udp") is None
 
 
 def test_nobody_takes_the_port_away() -> None:
-    """pymavlink shares its port with whoever asks; our link does not."""
+    """A port is shared where all ask for it; our link does not."""
     uri = NetworkUri("udpin", "127.0.0.1", free_port())
     link = open_link(uri)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
@@ -291,5 +293,95 @@ def test_permission_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr(opening, "_connected", refuse)
+    monkeypatch.setitem(opening.OPENERS, "serial", (SerialLink, refuse))
     assert "'sudo usermod -aG dialout $USER'" in refusal(SerialUri("/dev/ttyNONE0", 57600))
+
+
+@pytest.fixture
+def all_are_serial(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A terminal of a pair is taken for a real port, which nobody else may have opened."""
+    import gcs_bridge.links.open as opening
+
+    monkeypatch.setattr(opening, "_SERIAL_NAMES", ("",))
+
+
+@contextlib.contextmanager
+def running(folder: Path, name: str, device: str | None = None) -> Iterator[int]:
+    """A program of this name, which holds `device`; its process."""
+    program = folder / name
+    shutil.copy(shutil.which("sleep") or "/bin/sleep", program)
+    holding = open(device) if device else contextlib.nullcontext()  # noqa: PTH123, SIM115
+    with holding as stdin, subprocess.Popen([program, "60"], stdin=stdin or subprocess.DEVNULL) as process:
+        try:
+            comm = Path(f"/proc/{process.pid}/comm")
+            wait_until(lambda: comm.read_text().strip() == name[:15])
+            yield process.pid
+        finally:
+            process.kill()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="told by /proc alone")
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("minicom", "end that program"),
+        ("ModemManager", "'sudo systemctl stop ModemManager' ends it, 'sudo systemctl disable --now ModemManager' for"),
+    ],
+)
+@pytest.mark.usefixtures("all_are_serial")
+def test_a_device_that_somebody_holds(name: str, said: str, tmp_path: Path) -> None:
+    """Refused although it could be opened: each of two readers would get half of the bytes. Who it is is told."""
+    with terminals() as (_, device), running(tmp_path, name, device) as process:
+        told = refusal(SerialUri(device, 57600))
+    assert f"in use by {name} (process {process}): " in told
+    assert said in told
+
+
+def test_a_device_that_is_locked() -> None:
+    """Who has locked the device, as pyserial's programs may, is in the way as well; nothing is known of whom."""
+    with terminals() as (_, device):
+        first = open_link(SerialUri(device, 57600))
+        assert f"in use by another program (a ground station?); 'sudo fuser -v {device}' names it" in refusal(
+            SerialUri(device, 57600)
+        )
+        first.close()
+        open_link(SerialUri(device, 57600)).close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="told by /proc alone")
+def test_a_modem_manager_of_another_user_is_guessed(tmp_path: Path) -> None:
+    """What root's programs hold is not told to others; that this one runs is."""
+    with terminals() as (_, device), running(tmp_path, "ModemManager"):
+        first = open_link(SerialUri(device, 57600))
+        told = refusal(SerialUri(device, 57600))
+        first.close()
+    assert "in use by another program, ModemManager probably: it lets go" in told
+
+
+def test_nobody_listens_twice() -> None:
+    """A port of `tcpin:` that is taken names who has it; one that cools down behind a client is free."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        said = refusal(NetworkUri("tcpin", "127.0.0.1", port))
+        assert f"port {port} is in use" in said
+        if sys.platform == "linux":
+            assert f"(process {os.getpid()})" in said
+    uri = NetworkUri("tcpin", "127.0.0.1", free_port(socket.SOCK_STREAM))
+    for _ in range(2):
+        link = open_link(uri)
+        with socket.create_connection((uri.host, uri.port)) as client:
+            client.send(b"x")
+            fetched(link, 1)
+            link.close()  # before the client: this side's port cools down
+
+
+def test_nothing_is_sent_to_a_client() -> None:
+    """From connecting to the end, the client of `tcpin:` hears nothing."""
+    uri = NetworkUri("tcpin", "127.0.0.1", free_port(socket.SOCK_STREAM))
+    with Live(open_link(uri)) as live, socket.create_connection((uri.host, uri.port)) as client:
+        for frame in fixture("e_two_vehicles", to_s=8):
+            client.sendall(frame.data)
+        wait_until(lambda: live.names().count("vehicle_seen") == 2)
+        client.shutdown(socket.SHUT_WR)
+        client.settimeout(5)
+        assert client.recv(1) == b""  # it has closed, and said nothing

@@ -15,6 +15,12 @@ from gcs_bridge.links.uri import SCHEMES, NetworkUri, SerialUri, Uri, parse_uri
         ("udpin:0.0.0.0:14550", NetworkUri("udpin", "0.0.0.0", 14550)),
         ("udpin:localhost:1", NetworkUri("udpin", "localhost", 1)),
         ("tcp:10.0.0.7:5760", NetworkUri("tcp", "10.0.0.7", 5760)),
+        ("tcpin:0.0.0.0:5760", NetworkUri("tcpin", "0.0.0.0", 5760)),
+        ("udpin:[::]:14550", NetworkUri("udpin", "::", 14550)),
+        ("tcp:[FE80::1%eth0]:5760", NetworkUri("tcp", "fe80::1%eth0", 5760)),
+        ("mcast:", NetworkUri("mcast", "239.255.145.50", 14550)),
+        ("mcast:14560", NetworkUri("mcast", "239.255.145.50", 14560)),
+        ("mcast:239.1.2.3:14560", NetworkUri("mcast", "239.1.2.3", 14560)),
         ("/dev/ttyACM0", SerialUri("/dev/ttyACM0", 57600)),
         ("/dev/serial/by-id/usb-3D_Robotics,Inc-if00", SerialUri("/dev/serial/by-id/usb-3D_Robotics,Inc-if00", 57600)),
         ("/dev/ttyUSB1,921600", SerialUri("/dev/ttyUSB1", 921600)),
@@ -25,6 +31,7 @@ from gcs_bridge.links.uri import SCHEMES, NetworkUri, SerialUri, Uri, parse_uri
 def test_links(text: str, uri: Uri) -> None:
     """pymavlink's forms; a serial device takes --baud unless it brings a speed of its own."""
     assert parse_uri(text, baud=57600) == uri
+    assert isinstance(uri, SerialUri) or parse_uri(str(uri)) == uri
 
 
 @pytest.mark.parametrize(
@@ -32,15 +39,16 @@ def test_links(text: str, uri: Uri) -> None:
     [
         ("udpout:127.0.0.1:14550", "udpout: cannot receive before it has sent, and sending is not enabled"),
         ("udpbcast:127.0.0.1:14550", "cannot receive before it has sent"),
-        ("tcpin:0.0.0.0:5760", "tcpin: is not supported yet: let the other side listen, and connect to it with tcp:"),
-        ("mcast:", "mcast: is not supported yet: use udpin:"),
         ("udpni:0.0.0.0:14550", "unknown kind of link 'udpni:'; did you mean 'udpin:0.0.0.0:14550'?"),
         ("udp:0.0.0.0:14550", "did you mean 'udpin:0.0.0.0:14550'?"),
         ("TCP:1.2.3.4:5", "did you mean 'tcp:1.2.3.4:5'?"),
         ("127.0.0.1:14550", "did you mean 'udpin:127.0.0.1:14550'?"),
         ("serial:/dev/ttyACM0", "did you mean '/dev/ttyACM0'?"),
         ("zzz:1", "did you mean 'udpin:zzz:1'?"),
-        ("qqqq:x", "links are udpin:HOST:PORT, tcp:HOST:PORT and serial devices as /dev/ttyACM0"),
+        (
+            "qqqq:x",
+            "links are udpin:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, mcast:[GROUP:PORT] and serial devices as /dev/",
+        ),
         ("ttyACM0", "'ttyACM0' is no link; links are"),
         ("", "'' is no link"),
         ("udpin:14550", "must be as udpin:127.0.0.1:14550"),
@@ -49,7 +57,15 @@ def test_links(text: str, uri: Uri) -> None:
         ("udpin:0.0.0.0:0", "the port must be from 1 to 65535"),
         ("udpin:0.0.0.0:65536", "the port must be from 1 to 65535"),
         ("tcp:host:²", "the port must be from 1 to 65535"),
-        ("tcp:[::1]:5760", "IPv6 is not supported yet"),
+        ("tcp:::1:5760", "an IPv6 address in brackets: [::1]"),
+        ("udpin:[::1]", "must be as udpin:127.0.0.1:14550"),
+        ("udpin:[nonsense]:14550", "'nonsense' is no IPv6 address"),
+        ("udpin:[127.0.0.1]:14550", "'127.0.0.1' is no IPv6 address"),
+        ("udpin:[]:14550", "is no IPv6 address"),
+        ("mcast:127.0.0.1:14550", "groups are the IPv4 addresses from 224.0.0.0 to 239.255.255.255"),
+        ("mcast:somewhere:14550", "groups are the IPv4 addresses from 224.0.0.0 to 239.255.255.255"),
+        ("mcast:[ff02::1]:14550", "groups are the IPv4 addresses"),
+        ("mcast:99999", "the port must be from 1 to 65535"),
     ],
 )
 def test_what_is_no_link_is_refused(text: str, said: str) -> None:

@@ -63,7 +63,7 @@ def test_a_full_disk_is_told_once() -> None:
         for _ in range(3):
             file.append(b"x")
         assert file.failed
-    assert said == ["cannot write /dev/full any longer: No space left on device; going on without it"]
+    assert said == ["cannot write /dev/full: No space left on device; going on without it until that is mended"]
 
 
 def test_events_as_json() -> None:
