@@ -1,7 +1,6 @@
 """Links that go and return: told, waited for, and judged as if they had only been silent."""
 
 import contextlib
-import itertools
 import os
 import pty
 import random
@@ -408,8 +407,8 @@ def test_who_leaves_at_once_is_not_asked_for_again_and_again(monkeypatch: pytest
             wait_until(lambda: len(accepted) == 5)
         ended.set()
         thread.join()
-    gaps = [later - earlier for earlier, later in itertools.pairwise(accepted)]
-    assert all(gap > 0.6 * 0.05 * 2**tries for tries, gap in enumerate(gaps))  # so much at least; it may be held up
+    # 0.05 s that double are 0.75 s, and 0.2 s if they did not; either end may be held up on a busy machine.
+    assert accepted[-1] - accepted[0] > 0.45
     assert "Connection reset by peer" in {event.get("reason") for event in live.events}
 
 
