@@ -1,6 +1,7 @@
 """Links that go and return: told, waited for, and judged as if they had only been silent."""
 
 import contextlib
+import itertools
 import os
 import pty
 import random
