@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gcs_bridge import attitude
-from gcs_bridge.diagnosis.causes import Cause, Parameter
+from gcs_bridge.diagnosis.mistake import Cause, Parameter
 from gcs_bridge.mavlink.dialect import load_dialect
 from gcs_bridge.mavlink.scanner import RawFrame, Scanner
 from gcs_bridge.recordings.edits import falsified, frames_in, spliced

@@ -39,7 +39,8 @@ from gcs_bridge.attitude import (
 )
 from gcs_bridge.calculator.frames import FRAMES, Frame
 from gcs_bridge.calculator.parse import SEQUENCES, Given
-from gcs_bridge.diagnosis.causes import CAUSES, Cause, Change
+from gcs_bridge.diagnosis.causes import CAUSES
+from gcs_bridge.diagnosis.mistake import Cause, Change
 
 __all__ = ["SCHEMA", "attitude_page"]
 SCHEMA = "gcs-bridge/attitude/1"

@@ -14,25 +14,17 @@ from msgspec.structs import replace
 
 from gcs_bridge.alarms.votes import Ballot, Votes, vote
 from gcs_bridge.attitude.compiled import put, ray_at
-from gcs_bridge.attitude.gravity import down_of
 from gcs_bridge.attitude.quaternion import angle_of, conjugated, length, logarithm, product, tilt_heading_of, turned
 from gcs_bridge.checks.base import Check, Numbers, Watched, is_known, row_at
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles, Waiting, note
 from gcs_bridge.checks.windows import Sliding, SlidingSums, slide_in
+from gcs_bridge.checks.withheld import CALM_US, LEVEL_TRIM_RAD, is_withheld
 from gcs_bridge.columns import FloatRows, Floats, FrameColumns, Int64s, Mask, Records, record
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings, EulerQuaternionSettings
 from gcs_bridge.telemetry.statements import held_at
 
-_CALM_US = 5_000_000  # without a bad pair, before the next one is a new onset
-_HELD_US, _HELD_SLOW_US = 3_000_000, 6_000_000  # how long a disagreement may be withheld; for pairs that come slowly
-_SLOW_US = 400_000
-_START_US = 3_000_000
-_OFF_AXIS = 0.05  # share of a turn that may be about other axes
-_STEEP = 0.1  # the cosine of a pitch at which there is no level axis to the right any more
-_MOST_TRIM_RAD = math.radians(10.0)
-_LEVEL_TRIM_RAD = _MOST_TRIM_RAD**2 / 2.0  # so much of heading both AHRS_TRIMs together make of a level vehicle
 _WEIGHT_FLOOR_RAD = math.radians(0.05)
 _GREATEST_RATE_RAD_S = 100.0  # what is more is damage
 _LEAST_RATE_RAD_S = math.radians(2.0)  # root mean square, below which no lag shows
@@ -135,7 +127,7 @@ class EulerQuaternion(Check):
         self._sums = SlidingSums(self._limits.mean_window_s, 8)
         of = self._memory
         of["interval_id"] = of["first_us"] = of["latest_us"] = -1
-        of["bad_us"] = of["onset_us"] = -_CALM_US
+        of["bad_us"] = of["onset_us"] = -CALM_US
 
     def judge(self, batch: CheckBatch, ballot: Ballot) -> None:
         """Compare the pairs, and rate those that count."""
@@ -301,14 +293,14 @@ def judge_pairs(
         trim = held_at(may_be_trim, pairs.frame_index[i]) == 1.0
         if found.counted[i] and angle > limit and held_at(ardupilot, pairs.frame_index[i]) != 0.0:  # NaN: not known yet
             wings = held_at(fixed_wing, pairs.frame_index[i]) != 0.0
-            found.counted[i] = not _is_withheld(pairs, i, of, found, wings, trim)
+            found.counted[i] = not is_withheld(pairs, i, of, found, wings, trim)
         if found.counted[i]:
             of.counted += 1
             of.bad += angle > limit
             detail = _detail(found, i, row_at(found.rotvec_body, i))
             vote(votes, places[0], pairs.frame_index[i], pairs.t_boot_us[i], angle, limit, detail)
         means = np.isfinite(found.rotvec_body[i, 0])
-        is_open = trim and pairs.bound_rad[i] < angle <= _LEVEL_TRIM_RAD  # a trim may make that of each pair
+        is_open = trim and pairs.bound_rad[i] < angle <= LEVEL_TRIM_RAD  # a trim may make that of each pair
         if angle <= limit and pairs.t_boot_us[i] > of.latest_us and means and not is_open:
             of.latest_us = pairs.t_boot_us[i]
             is_enough, value, limit, turn = _mean(pairs, i, limits, sums, found)
@@ -361,32 +353,6 @@ def _follow_lag(pairs, i, of, found):  # type: ignore[no-untyped-def]  # typed b
     if is_known(w) and is_known(turn) and length(w) < _GREATEST_RATE_RAD_S:
         of.along_rate += w[0] * turn[0] + w[1] * turn[1] + w[2] * turn[2]
         of.rate_squared += w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-
-
-@helper
-def _is_withheld(pairs, i, of, found, may_be_fixed_wing, may_be_trim):  # type: ignore[no-untyped-def]  # typed by numba
-    """Whether a bad pair disagrees as a firmware may on purpose, while that could still be found out.
-
-    What a firmware does is told by parameters and modes, or fitted to some pairs: both take a moment. For so long
-    after its onset a disagreement has no vote if it is a turn about the body's y axis, or the level one to its right,
-    on an ArduPlane (a view, a trim), or no larger than AHRS_TRIM could make it there: from a boot's first seconds on,
-    or while it takes time to fit that trim.
-    """
-    before_us, of.bad_us = of.bad_us, max(of.bad_us, pairs.t_boot_us[i])
-    if of.bad_us - before_us > _CALM_US:
-        of.onset_us = of.bad_us
-    x, y, z = row_at(found.rotvec_body, i)
-    angle, limit = found.angle[i], found.limit[i]
-    q_nb, norm2 = ray_at(pairs.q_quaternion, i)
-    _, down_y, cos_tilt = down_of(q_nb, norm2)
-    off_level = abs(cos_tilt * z + down_y * y) / max(np.hypot(down_y, cos_tilt), _STEEP)
-    about_y = min(np.hypot(x, z), np.hypot(x, off_level)) <= _OFF_AXIS * angle + limit
-    tilt = np.arccos(np.minimum(np.maximum(cos_tilt, -1.0), 1.0))
-    by_trim = angle <= 2.0 * np.sin(tilt / 2.0) * _MOST_TRIM_RAD + limit
-    is_starting = of.onset_us - of.first_us < _START_US
-    held_us = _HELD_SLOW_US if pairs.duration_us[i] >= _SLOW_US else _HELD_US
-    is_young = of.bad_us - of.onset_us < held_us
-    return is_young and ((about_y and may_be_fixed_wing) or (by_trim and (is_starting or may_be_trim)))
 
 
 @helper

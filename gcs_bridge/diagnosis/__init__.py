@@ -16,8 +16,9 @@ import numpy as np
 from gcs_bridge import contract
 from gcs_bridge.contract import Confidence, known
 from gcs_bridge.diagnosis import wording as words
-from gcs_bridge.diagnosis.causes import CAUSES, Value
+from gcs_bridge.diagnosis.causes import CAUSES
 from gcs_bridge.diagnosis.hypotheses import NO_MISTAKE, Hypothesis, Mistakes
+from gcs_bridge.diagnosis.mistake import Value
 from gcs_bridge.diagnosis.ranking import SHARP, HypothesisSearch, RatedHypothesis, Verdict
 from gcs_bridge.diagnosis.single_stream import at_fault, frozen, norms, sends_euler_rates
 from gcs_bridge.diagnosis.window import Window, pair, plain_attitude

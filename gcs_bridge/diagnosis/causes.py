@@ -11,13 +11,11 @@ tests take every row as it comes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Literal, TypedDict
+from typing import TypedDict
 
 import numpy as np
-import numpy.typing as npt
 
 from gcs_bridge.attitude import (
     body_rates_from_euler_rates,
@@ -32,105 +30,7 @@ from gcs_bridge.attitude import (
     wxyz_from_xyzw,
     xyzw_from_wxyz,
 )
-from gcs_bridge.errors import UsageError
-
-__all__ = ["CAUSES", "NO_VALUE", "Cause", "Change", "Parameter", "Value"]
-Value = tuple[float, ...]
-"""The numbers of a fault, in the unit of its row; none for a mistake that is made or not."""
-_Array = npt.NDArray[Any]  # float64, but for payloads
-Change = Callable[[_Array, Value], _Array]
-"""(samples, value) → samples of the same shape; the arguments stay as they are."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Parameter:
-    """What a fault's value may be: so many numbers, each in [least, most], in `unit`; `default` None: must be given.
-
-    Several numbers are a vector, and its length is at most `most` as well.
-    """
-
-    unit: str = ""
-    default: Value | None = None
-    count: int = 1
-    least: float = -math.inf
-    most: float = math.inf
-    whole: bool = False
-
-    def parse(self, fault: str, text: str | None) -> Value:
-        """The value that `text` gives to `fault` (numbers with commas between them; None: nothing was given).
-
-        Raises UsageError, whose one line says what would be right.
-        """
-        if text is None and self.default is not None:
-            return self.default
-        try:
-            value = tuple(float(number) for number in (text or "").split(","))
-        except ValueError:
-            value = ()
-        if len(value) == self.count > 0 and self._allows(value):
-            return value
-        given = "needs a value" if text is None else f"cannot take the value {text!r}"
-        raise UsageError(f"the fault {fault} {given}: it {'must be' if self.count else 'takes'} {self.allowed(fault)}")
-
-    def _allows(self, value: Value) -> bool:
-        """Whether the numbers are in range; NaN never is."""
-        in_range = all(self.least <= number <= self.most for number in value)
-        short = self.count == 1 or math.hypot(*value) <= self.most
-        return in_range and short and not (self.whole and any(number % 1 for number in value))
-
-    def allowed(self, fault: str) -> str:
-        """In words, what the value of `fault` may be."""
-        if self.count == 0:
-            return "none"
-        kind = "whole number" if self.whole else "number"
-        unit = f" {self.unit}" if self.unit else ""
-        if self.count > 1:
-            example = ",".join(f"{number:g}" for number in self.default or ())
-            return f"{self.count} {kind}s, a vector of at most {self.most:g}{unit}, as {fault}:{example}"
-        if math.isinf(self.most):
-            return f"a {kind}, {self.least:g}{unit} or more"
-        return f"a {kind} from {self.least:g} to {self.most:g}{unit}"
-
-
-NO_VALUE = Parameter(default=(), count=0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cause:
-    """One mistake: what it does to the samples of the message at fault, and what to tell its owner.
-
-    `acts_on` says which samples `falsify` takes, as they should be, and returns, as they are sent; `undo` is its exact
-    inverse, and None where what was lost cannot come back. In `fix`, `{value}` stands for the value with its unit.
-    Samples:
-
-    - "quaternion": (N, 4), q_nb `[w, x, y, z]`
-    - "rpy": (N, 3), roll, pitch, yaw, rad
-    - "time": (N,), time since boot, ms, neither wrapped nor rounded
-    - "rates": (N, 6), roll, pitch, yaw, rad, and the body rates, rad/s, of which the latter alone are falsified; both
-      messages carry the same rates, so both are at fault
-    - "payload": (N, …), whatever the message carries beside its time, in the order of time
-    - None: nothing that one message carries; such a cause is only named, never made
-    """
-
-    name: str
-    message: Literal[30, 31] | None
-    acts_on: Literal["quaternion", "rpy", "rates", "time", "payload"] | None
-    falsify: Change | None = None
-    undo: Change | None = None
-    parameter: Parameter = NO_VALUE
-    fix: str
-    origin: str
-
-    @property
-    def messages(self) -> tuple[int, ...]:
-        """The messages that it falsifies."""
-        return (30, 31) if self.acts_on == "rates" else () if self.message is None else (self.message,)
-
-    @property
-    def unit(self) -> str:
-        """The unit of the value, empty for a bare number and for none."""
-        return self.parameter.unit
-
+from gcs_bridge.diagnosis.mistake import Array, Cause, Change, Parameter, Value
 
 # --- what the mistakes do ------------------------------------------------------------------------------------------
 
@@ -144,7 +44,7 @@ class _Changes(TypedDict):
     undo: Change
 
 
-def _other_frames(*, world: _Array = _NONE, body: _Array = _NONE) -> _Changes:
+def _other_frames(*, world: Array = _NONE, body: Array = _NONE) -> _Changes:
     """The attitude of another body frame in another world: world ⊗ q ⊗ body."""
     return {
         "falsify": lambda q, _: multiply(multiply(world, q), body),
@@ -166,30 +66,30 @@ def _rpy_signs(*signs: float) -> _Changes:
     return _self_inverse(lambda rpy, _: rpy * np.array(signs))
 
 
-def _turn_deg(*rotvec_deg: float) -> _Array:
+def _turn_deg(*rotvec_deg: float) -> Array:
     return quaternion_from_rotvec(np.radians(rotvec_deg))
 
 
-def _xyz_from_rpy(rpy: _Array, _: Value) -> _Array:
+def _xyz_from_rpy(rpy: Array, _: Value) -> Array:
     q_nb = quaternion_from_rpy(roll_rad=rpy[..., 0], pitch_rad=rpy[..., 1], yaw_rad=rpy[..., 2])
     return euler_from_quaternion(q_nb, "XYZ")
 
 
-def _rpy_from_xyz(angles_rad: _Array, _: Value) -> _Array:
+def _rpy_from_xyz(angles_rad: Array, _: Value) -> Array:
     return rpy_from_quaternion(quaternion_from_euler(angles_rad, "XYZ"))
 
 
-def _as_angles_change(samples: _Array, _: Value) -> _Array:
+def _as_angles_change(samples: Array, _: Value) -> Array:
     rpy, w = samples[..., :3], samples[..., 3:]
     return np.concatenate([rpy, euler_rates_from_body_rates(rpy, w)], axis=-1)
 
 
-def _as_the_body_turns(samples: _Array, _: Value) -> _Array:
+def _as_the_body_turns(samples: Array, _: Value) -> Array:
     rpy, rates = samples[..., :3], samples[..., 3:]
     return np.concatenate([rpy, body_rates_from_euler_rates(rpy, rates)], axis=-1)
 
 
-def _held(samples: _Array, _: Value) -> _Array:
+def _held(samples: Array, _: Value) -> Array:
     """The first sample over and over."""
     return samples[:1].repeat(len(samples), axis=0)
 

@@ -19,7 +19,8 @@ from gcs_bridge.attitude import (
     rpy_from_quaternion,
 )
 from gcs_bridge.columns import Floats
-from gcs_bridge.diagnosis.causes import CAUSES, Cause, Parameter, Value
+from gcs_bridge.diagnosis.causes import CAUSES
+from gcs_bridge.diagnosis.mistake import Cause, Parameter, Value
 from gcs_bridge.expected.correction import Correction
 
 Mistakes = tuple[tuple[str, Value], ...]

@@ -14,8 +14,8 @@ import numpy as np
 
 from gcs_bridge import attitude
 from gcs_bridge.columns import Floats
-from gcs_bridge.diagnosis.causes import Cause, Value
 from gcs_bridge.diagnosis.hypotheses import TRIMS, Hypothesis, quaternion_of_rpy
+from gcs_bridge.diagnosis.mistake import Cause, Value
 from gcs_bridge.diagnosis.window import Comparison, Pairing
 
 

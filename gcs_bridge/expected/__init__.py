@@ -27,11 +27,12 @@ from being explained away:
 PX4 tailsitters' `repr_offset_q` is for displays and has no place here. This package knows neither frames on a wire nor
 limits of alarms. A sample's correction rests on what came before it, in order of arrival, however the input was cut.
 
-**between**, between_fits, between_view: pairs of neighbouring instants · felt: the down that is felt · quiet: what is
-no news, compiled.
+**between**, between_fits, between_view: pairs of neighbouring instants · felt: the down that is felt · shown_view:
+which view a sample shows · latest, quiet: what is no news, compiled · explanations: what the report tells.
 """
 
+from gcs_bridge.expected.corrected import Corrected
 from gcs_bridge.expected.correction import AHRS_TRIM, CAUSE_NAMES, PITCH_TRIM, VTOL_VIEW
-from gcs_bridge.expected.vehicle import Corrected, Expected
+from gcs_bridge.expected.vehicle import Expected
 
 __all__ = ["AHRS_TRIM", "CAUSE_NAMES", "PITCH_TRIM", "VTOL_VIEW", "Corrected", "Expected"]

@@ -5,12 +5,19 @@ No more than that: in flight it is off by tens of degrees.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from gcs_bridge import attitude
 from gcs_bridge.attitude import G_M_S2
 from gcs_bridge.columns import Floats, FrameColumns, Int64s, record, running_max
-from gcs_bridge.telemetry.samples import ImuSamples
+from gcs_bridge.expected.correction import Correction
+from gcs_bridge.expected.knowledge import TAILSITTER_RAD
+from gcs_bridge.expected.pairs import IN_A_ROW, run_lengths
+from gcs_bridge.telemetry.samples import AttitudeSamples, ImuSamples
 
+FELT_RAD = math.radians(30.0)  # what is felt is off by so much in flight
 MEAN_US = 1_500_000  # over which the force is taken together, and after which it says nothing any more
 _KEPT_US = 4_000_000
 _LEAST, _MOST = 0.5 * G_M_S2, 1.5 * G_M_S2  # of a mean force that is mostly weight
@@ -56,3 +63,50 @@ def down_felt(forces: Forces, frame_index: Int64s, t_us: Int64s) -> Floats:
     weighs = (size >= _LEAST) & (size <= _MOST)
     down[np.flatnonzero(some)[weighs]] = -mean[weighs] / size[weighs, None]
     return down
+
+
+class Seat:
+    """How a plane of which nothing told whether it is a tailsitter is felt to sit: on its wings, or on its tail."""
+
+    def __init__(self) -> None:
+        """Start with nothing felt."""
+        self.on_wings = False  # it was felt to be as ATTITUDE says in forward flight
+        self._on_tail = 0  # samples in a row in which one that hovers is felt to sit on its tail
+
+    def feel(
+        self,
+        euler: AttitudeSamples,
+        quaternion: AttitudeSamples,
+        forces: Forces,
+        forward: Correction,
+        *,
+        hovers: bool,
+    ) -> int | None:
+        """The row of the Euler samples with which a plane that hovers is felt to be a tailsitter, if any is.
+
+        By those before the first quaternion, which tells the view. `forward`: what is undone in forward flight.
+        """
+        assert euler.rpy_rad is not None
+        end = int(np.searchsorted(euler.frame_index, quaternion.frame_index[0])) if len(quaternion) else len(euler)
+        rpy_rad = euler.rpy_rad[:end]
+        felt = down_felt(forces, euler.frame_index[:end], euler.t_boot_us[:end])
+        on_wings, on_tail = (
+            length_of(attitude.body_down(one.undo(rpy_rad)) - felt)
+            for one in (forward, Correction(view_rad=TAILSITTER_RAD))
+        )
+        if not hovers:
+            self.on_wings |= bool(((on_wings <= FELT_RAD) & (3.0 * on_wings < on_tail)).any())
+            self._on_tail = 0
+            return None
+        is_on_tail = (on_tail <= FELT_RAD) & (3.0 * on_tail < on_wings)
+        in_a_row = run_lengths(is_on_tail, self._on_tail)
+        enough = in_a_row >= IN_A_ROW
+        if enough.any():
+            return int(enough.argmax())
+        self._on_tail = int(in_a_row[-1]) if end else self._on_tail
+        return None
+
+
+def length_of(v: Floats) -> Floats:
+    """Of vectors (n, 3)."""
+    return np.sqrt(v[:, 0] ** 2 + v[:, 1] ** 2 + v[:, 2] ** 2)

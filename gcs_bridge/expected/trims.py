@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from gcs_bridge.columns import Floats, Int64s
-from gcs_bridge.expected.vehicle import Corrected
+from gcs_bridge.expected.corrected import Corrected
 from gcs_bridge.telemetry.statements import ParameterSet, Statement, StepSignal
 
 _NAMES = ("AHRS_TRIM_X", "AHRS_TRIM_Y")

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.checks.base import Check
 from gcs_bridge.events import utc
 from gcs_bridge.judging.diagnosis_cases import DiagnosisCases
 from gcs_bridge.judging.estimator_resets import Resets
 from gcs_bridge.judging.start_up import StartUp
-from gcs_bridge.pairing.pairs import Aligner
+from gcs_bridge.pairing.pairs import Aligned, Aligner
 from gcs_bridge.pairing.references import PrimaryImu, References
 from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
+from gcs_bridge.telemetry.batches import BootSegment, VehicleBatch
+from gcs_bridge.telemetry.link_clock import LinkClock
+from gcs_bridge.telemetry.samples import Ahrs2Samples, ImuSamples
 from gcs_bridge.telemetry.statements import Statement
-from gcs_bridge.telemetry.stream_liveness import Liveness
+from gcs_bridge.telemetry.stream_liveness import OTHER, Liveness, Timeline
 
 
 class Boot:
@@ -67,3 +72,35 @@ class Boot:
             last_boot_s=self.last_us / 1e6 if self.last_us >= 0 else None,
             start_utc=utc(self.start_rx_us),
         )
+
+    def inertial(self, batch: VehicleBatch) -> ImuSamples | None:
+        """The samples, within the boot, of the one sensor that is judged by."""
+        own = {}
+        for name, samples in batch.imu.items():
+            mine = (samples.boot == self.index) & (samples.t_boot_us >= 0) & (samples.frame_index >= self.frame_index)
+            if mine.all():
+                own[name] = samples
+            elif mine.any():
+                own[name] = samples[mine]
+        return self.imu.take(own)
+
+    def secondary(self, batch: VehicleBatch) -> Ahrs2Samples:
+        """What came of the second estimate within the boot."""
+        secondary = batch.secondary
+        return secondary.where((secondary.boot == self.index) & (secondary.frame_index >= self.frame_index))
+
+
+def timeline_of(segment: BootSegment, aligned: Aligned, link: LinkClock) -> Timeline:
+    """A segment's messages with the times at which the link was heard, and the periods of their streams."""
+    rows = segment.frame_index - link.frame_index[0]
+    return Timeline(
+        frame_index=segment.frame_index,
+        stream=np.minimum(segment.message, OTHER),
+        t_boot_us=segment.t_boot_us,
+        t_rx_us=link.latest_rx_us[rows],
+        heard_us=link.heard_us[rows],
+        period_us=aligned.period_us,
+        rx_period_us=aligned.rx_period_us,
+        lost=segment.lost,
+        received=segment.received,
+    )

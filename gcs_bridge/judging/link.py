@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -10,42 +9,24 @@ import numpy as np
 
 from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.chunks import Chunk, Chunks, Framing
-from gcs_bridge.columns import Int64Rows, Int64s, record
 from gcs_bridge.contract import readable
-from gcs_bridge.events import Event, Notice, Rank, ReceiverPaused, VehicleLost, VehicleSeen, head, in_order
-from gcs_bridge.judging.observation import Observation, Observer
+from gcs_bridge.events import Event, Notice, ReceiverPaused, in_order
+from gcs_bridge.judging.link_vehicle import Judged, LinkVehicle
 from gcs_bridge.judging.snapshot import LinkNow, VehicleNow
-from gcs_bridge.judging.vehicle import VehicleJudge
-from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
 from gcs_bridge.report import schema
 from gcs_bridge.report.verdicts import worst_verdict
-from gcs_bridge.settings import Settings
-from gcs_bridge.telemetry.batches import VehicleBatch
-from gcs_bridge.telemetry.clocks import NO_TIMES
-from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
-from gcs_bridge.telemetry.messages import KIND
 from gcs_bridge.telemetry.rate_requests import RateRequest, asks, rate_requests
 from gcs_bridge.telemetry.roster import Roster
-from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.sorting import FrameSorter, Share, SortedFrames
-from gcs_bridge.telemetry.vehicle_presence import Presence
 
 Datagram = tuple[bytes, int]  # with its receive time, µs since 1970
 FrameObserver = Callable[[int | str, Sequence[RawFrame]], None]
-
-
-@record
-class Judged:
-    """What is judged of every link, by what, and who looks on; `window_s`: between these times after the start."""
-
-    settings: Settings
-    dialect: Dialect
-    sysid: int | None
-    window_s: tuple[float | None, float | None]
-    observer: Observer | None
+MOST_BRIEF, MOST_BRIEF_NOW = 1000, 64  # vehicles heard too briefly to be judged that are listed, in a report and live
+MOST_OTHERS = 100  # that the report lists; all are counted
+LEAST_COPIED, COPIED_SHARE = 20, 0.9  # frames, and of the copies that there would be, for each to come so often
 
 
 class Scanned(NamedTuple):
@@ -54,185 +35,6 @@ class Scanned(NamedTuple):
     batch: SortedFrames | None
     done: int
     raw: Sequence[RawFrame]
-
-
-class LinkVehicle:
-    """One (system, component) of a link, which may turn out to be a vehicle.
-
-    What judges it is large, and anybody can send a frame under any number: it is made with the second attitude of a
-    stream, or once enough else came, and is given then what came before. Nothing is told of it before that frame but
-    that the vehicle is there.
-    """
-
-    def __init__(self, vehicle: VehicleId, judged: Judged, place: int) -> None:
-        """Start with nothing heard; the observer is shown what is judged, once it is known to be a vehicle's.
-
-        `place`: how many others the link has found before it.
-        """
-        self.place = place
-        self._judged = judged
-        self._observer = judged.observer
-        self._observed: deque[Observation] = deque(maxlen=_MOST_OBSERVED)  # and not shown yet
-        self.reader = VehicleReader(vehicle, judged.dialect, judged.settings.vehicle)
-        self._judge: VehicleJudge | None = None
-        self._waiting: list[Callable[[VehicleJudge], Iterable[Notice]]] = []  # for it: how it is given what came
-        self._waits_since_us, self._waited_s = NEVER_US, 0  # since its last frame; NEVER: nothing had a time yet
-        self._attitudes = [0, 0]  # that came, by stream, while it waits
-        self._told_from: int | None = None  # the frame from which on what is judged is told
-        self._early: list[Notice] | None = []  # until then
-        self._presence = Presence()
-        self._first_frame_index: int | None = None
-        self._seen = False
-        self._held: list[Notice] = []  # until it is known to be one
-
-    @property
-    def is_brief(self) -> bool:
-        """Whether it was heard too briefly to be judged."""
-        return self._told_from is None
-
-    @property
-    def judge(self) -> VehicleJudge:
-        """What judges it, by all that came so far; it is made where it waits for more."""
-        if self._judge is None:
-            observer = self._observed.append if self._observer else None
-            self._judge = judge = VehicleJudge(self.reader.vehicle, self._judged.settings, observer)
-            assert self._early is not None
-            for hand in self._waiting:
-                self._early += hand(judge)
-            self._waiting.clear()
-        return self._judge
-
-    @property
-    def alarm_manager(self) -> AlarmManager | None:
-        """Its alarms, if it is judged."""
-        return None if self._judge is None else self._judge.alarm_manager
-
-    def take(self, batch: SortedFrames, share: Share, requests: Sequence[RateRequest] = ()) -> list[Notice]:
-        """Judge its share of a batch, and what others asked of it meanwhile."""
-        if self._first_frame_index is None:
-            self._first_frame_index = int(batch.frame_indices(share)[0])
-        heard, clock, asked = self.reader.read(batch, share), batch.clock, self._of(requests)
-        turns = list(self._turns(heard.frame_index, clock, heard.timed))
-        if self._told_from is None:
-            self._told_from = self._first_told(heard, batch, share)
-        if self._judge is None and self._told_from is None:
-            self._waiting.append(lambda judge: judge.take(heard, heard.frame_index, clock, asked))
-            if heard.segments or self._waits_since_us != NEVER_US:
-                self._waits_since_us, self._waited_s = int(clock.heard_us[-1]), 0
-            return self._release(turns)
-        told = self._told(list(self.judge.take(heard, heard.frame_index, clock, asked)))
-        self._show()
-        return self._release([*turns, *told])
-
-    def _first_told(self, heard: VehicleBatch, batch: SortedFrames, share: Share) -> int | None:
-        """The frame of its share with which enough came of it, None where that is not so yet."""
-        frames = []
-        for stream, name in enumerate(STREAMS):
-            before, count = self._attitudes[stream], share.count(KIND[name])
-            self._attitudes[stream] += count
-            if before < JUDGED_ATTITUDES <= before + count:
-                frames.append(batch.first + int(batch.rows(share, KIND[name])[JUDGED_ATTITUDES - 1 - before]))
-        received = self.reader.received
-        if received >= JUDGED_FRAMES:
-            frames.append(int(heard.frame_index[JUDGED_FRAMES - 1 - received]))
-        return min(frames, default=None)
-
-    def _told(self, judged: list[Notice]) -> list[Notice]:
-        """Of what was judged, that which is told by now: what came before the first frame of that, with it."""
-        if self._early is None:
-            return judged
-        self._early += judged
-        first = self._told_from
-        if first is None:
-            return []
-        early, self._early = in_order(self._early), None
-        return [notice._replace(frame_index=max(notice.frame_index, first)) for notice in early]
-
-    def ask(self, requests: Sequence[RateRequest]) -> list[Notice]:
-        """Others asked for rates, in a batch that brought nothing of this vehicle."""
-        asked = self._of(requests)
-        if not asked:
-            return []
-        if self._judge is not None:
-            return self._release(self._told(list(self._judge.ask(asked))))
-        if len(self._waiting) < _MOST_WAITING:
-            self._waiting.append(lambda judge: judge.ask(asked))
-        return []
-
-    def _of(self, requests: Sequence[RateRequest]) -> Sequence[RateRequest]:
-        """Those that are meant for it, and came when it was there."""
-        since = self._first_frame_index
-        if not requests or since is None:
-            return ()
-        address = self.reader.vehicle.address
-        return [one for one in requests if one.is_for(address) and one.by != address and one.frame_index > since]
-
-    @property
-    def due_us(self) -> int:
-        """The time on the link, as it is heard, from which on time alone may change something."""
-        if self._judge is not None:
-            return min(self._presence.due_us, self._judge.due_us)
-        if self._waits_since_us == NEVER_US or self._waited_s >= _LONGEST_WAIT_S:
-            return self._presence.due_us
-        return min(self._presence.due_us, self._waits_since_us + (self._waited_s + 1) * 1_000_000)
-
-    def _wait(self, link: LinkClock) -> None:
-        """Time passed on the link: what will judge it is to know, second by second, as long as deadlines may pass."""
-        if self._waited_s < _LONGEST_WAIT_S:
-            self._waiting.append(lambda judge: judge.advance(link))
-            self._waited_s += 1
-
-    def _show(self) -> None:
-        """Show what was judged, unless it is not known yet whose it is, or known to be no vehicle's."""
-        if self.reader.is_vehicle and self._observer is not None:
-            for observation in self._observed:
-                self._observer(observation)
-        if self.reader.is_decided:
-            self._observed.clear()
-
-    def advance(self, link: LinkClock) -> list[Notice]:
-        """Time passed on the link and nothing of this vehicle came."""
-        turns = list(self._turns(_NO_FRAMES, link))
-        if self._judge is None:
-            if self._waits_since_us + (self._waited_s + 1) * 1_000_000 <= link.heard_us[-1]:
-                self._wait(link)
-            return self._release(turns)
-        return self._release([*turns, *self._told(list(self._judge.advance(link)))])
-
-    def _turns(self, frame_indices: Int64s, link: LinkClock, timed: Int64Rows = NO_TIMES) -> Iterator[Notice]:
-        for turn in self._presence.take(frame_indices, link, timed):
-            kind = VehicleLost if turn.lost else VehicleSeen
-            event = kind(**head(self.reader.vehicle, None, None, turn.t_rx_us))
-            yield Notice(turn.frame_index, event, Rank.IDENTITY)
-
-    def _release(self, notices: list[Notice]) -> list[Notice]:
-        """The notices to pass on: those at which it is a vehicle; earlier ones come behind the news that it is one."""
-        if not self._seen:
-            self._held += notices
-            if self.reader.seen is None:
-                return []
-            frame_index, t_rx_us = self.reader.seen
-            self._seen = True
-            seen = VehicleSeen(**head(self.reader.vehicle, 0, None, t_rx_us))
-            held = (
-                notice._replace(frame_index=max(notice.frame_index, frame_index))
-                for notice in in_order(self._held)
-                if notice.rank is not Rank.IDENTITY
-                or notice.frame_index > frame_index  # was it lost before it was known?
-            )
-            notices = [Notice(frame_index, seen, Rank.IDENTITY), *held]
-            self._held = []
-        return [notice for notice in notices if self.reader.is_vehicle_at(notice.frame_index)]
-
-
-_NO_FRAMES: Int64s = np.empty(0, np.int64)
-JUDGED_ATTITUDES, JUDGED_FRAMES = 2, 32  # of one stream, and of all: with either a component is judged
-_MOST_OBSERVED = 256  # batches: of who may be a vehicle for longer, the latest alone are shown
-_MOST_WAITING = 128  # requests are kept for it no longer
-_LONGEST_WAIT_S = 12  # behind a frame the longest deadline, see stream_liveness, has passed
-MOST_BRIEF, MOST_BRIEF_NOW = 1000, 64  # vehicles heard too briefly to be judged that are listed, in a report and live
-MOST_OTHERS = 100  # that the report lists; all are counted
-LEAST_COPIED, COPIED_SHARE = 20, 0.9  # frames, and of the copies that there would be, for each to come so often
 
 
 class Link:

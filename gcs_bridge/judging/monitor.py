@@ -15,7 +15,8 @@ from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.chunks import Chunk, Chunks, Framing
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event, Notice
-from gcs_bridge.judging.link import Datagram, FrameObserver, Judged, Link, Scanned, events_of
+from gcs_bridge.judging.link import Datagram, FrameObserver, Link, Scanned, events_of
+from gcs_bridge.judging.link_vehicle import Judged
 from gcs_bridge.judging.observation import Observer
 from gcs_bridge.judging.snapshot import Snapshot
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect

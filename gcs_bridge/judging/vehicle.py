@@ -11,22 +11,19 @@ from functools import partial
 
 import numpy as np
 
-from gcs_bridge.alarms.manager import AlarmManager, AlarmTransition
+from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.beside import Beside
 from gcs_bridge.checks import all_checks
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
 from gcs_bridge.checks.stream import StreamCheck
 from gcs_bridge.columns import Int64s
-from gcs_bridge.events import (
-    Notice,
-    in_order,
-)
+from gcs_bridge.events import Notice, in_order
 from gcs_bridge.expected import Expected
-from gcs_bridge.expected.trims import TrimsInForce
-from gcs_bridge.judging.boot import Boot
-from gcs_bridge.judging.diagnosis_cases import QUESTIONS, SentBatch
-from gcs_bridge.judging.estimator_resets import Statements
+from gcs_bridge.judging.boot import Boot, timeline_of
+from gcs_bridge.judging.diagnosis_cases import SentBatch
+from gcs_bridge.judging.doctor import Doctor
+from gcs_bridge.judging.in_force import InForce
 from gcs_bridge.judging.notices import (
     breaks,
     clock_notice,
@@ -38,29 +35,22 @@ from gcs_bridge.judging.notices import (
 from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.snapshot import AlarmNow, CheckNow, VehicleNow, alarm_now, attitude_now
 from gcs_bridge.judging.start_up import StartUpChange
+from gcs_bridge.judging.untimed import Untimed
 from gcs_bridge.judging.verdicts import Verdicts
-from gcs_bridge.pairing.references import VehicleImu
 from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.batches import BootSegment, VehicleBatch, no_segment
 from gcs_bridge.telemetry.clocks import ClockChange
 from gcs_bridge.telemetry.component import VehicleReader
-from gcs_bridge.telemetry.heard import HeardFrames, no_frames
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
-from gcs_bridge.telemetry.rate_requests import RateRequest, RateWishes
-from gcs_bridge.telemetry.samples import STREAMS, Ahrs2Samples, AttitudeSamples, ImuSamples
-from gcs_bridge.telemetry.senders import SenderSign
-from gcs_bridge.telemetry.statements import ModeSet, ParameterSet, ReadySet, Statement, StepSignal
-from gcs_bridge.telemetry.stillness import Stillness
+from gcs_bridge.telemetry.rate_requests import RateRequest
+from gcs_bridge.telemetry.samples import STREAMS, AttitudeSamples
+from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 from gcs_bridge.telemetry.stream_counts import StreamCount
-from gcs_bridge.telemetry.stream_liveness import OTHER, Timeline
 
-_FIXED_WING = ("fixed_wing",)  # MAV_TYPE; what hovers too is told by its VTOL types
-_NO_FRAMES = no_frames()
 _MANY = 4096  # messages that are worth another thread, which takes 0.1 ms to begin
 _MOST_RESETS = 100  # that the report lists
-_MOST_NEWS = 10_000  # statements that can wait for a message with a time
 
 
 class VehicleJudge:
@@ -81,19 +71,12 @@ class VehicleJudge:
         self.alarm_manager = AlarmManager(
             vehicle, (spec for check in self._checks for spec in check.alarm_specs), settings.alarm
         )
+        self._doctor = Doctor(self.alarm_manager)
         self._expected = Expected()
-        self._news: list[Statement] = []  # that came behind the last message with a time
-        self._signs: list[SenderSign] = []  # the same
-        self._statements = Statements()
-        self._said: dict[str, Statement] = {}  # whether it is ready, by the message that says so, and its mode
-        self._stillness = Stillness(settings.gravity)
-        self._trims = TrimsInForce()
-        self._fixed_wing, self._ardupilot, self._may_be_trim = StepSignal(), StepSignal(), StepSignal(0.0)
+        self._in_force = InForce(settings)
         self._streams: dict[str, StreamCount] = {}
         self._verdicts = Verdicts(self._checks, self.alarm_manager, self._expected, self._streams, settings)
-        self._beside = _NO_FRAMES  # of the batch, behind its last message with a time so far
-        self._wishes = RateWishes()
-        self._asked: list[RateRequest] = []  # that the checks have not been given yet
+        self._untimed = Untimed()  # that the checks have not been given yet
         self._latest: list[AttitudeSamples | None] = [None, None]  # what came last of both streams
 
     def take(
@@ -105,12 +88,11 @@ class VehicleJudge:
         """
         for name, t_rx_us in batch.counted.items():
             self._stream(name).add(t_rx_us)
-        self._hear(batch, link)
-        self._signs = [*self._signs, *batch.senders][-_MOST_NEWS:]
+        self._in_force.hear(batch, link)
         for change in batch.clock_changes:
             yield clock_notice(self.vehicle, change)
         yield from self._hear_wishes(batch, requests)
-        self._beside = batch.heard
+        self._untimed.bring(batch)
         boots = {segment.boot: segment for segment in batch.segments}
         more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
         starts = {change.boot: change for change in batch.clock_changes if change.t_boot_us < 0}
@@ -118,14 +100,12 @@ class VehicleJudge:
         for index in indices:
             is_last = index == indices[-1]
             yield from self._take_boot(index, boots.get(index), batch, link, starts.get(index), is_last=is_last)
-        if not indices or len(self._beside):  # nothing with a time came
+        if not indices or self._untimed.has_frames:  # nothing with a time came
             yield from self.advance(link)
             yield from self._hear_more(link)
         else:
             yield from self.alarm_manager.pass_time(link)
-        last = int(frame_indices[-1])
-        for latest in (self._fixed_wing, self._ardupilot, self._may_be_trim, self._stillness, self._trims):
-            latest.forget(last)
+        self._in_force.forget(int(frame_indices[-1]))
 
     @property
     def due_us(self) -> int:
@@ -150,30 +130,12 @@ class VehicleJudge:
 
     def _hear_more(self, link: LinkClock, until_frame_index: int | None = None) -> Iterator[Notice]:
         """The vehicle's frames behind its last message with a time, before the one that begins another boot, if any."""
-        heard = self._heard_until(until_frame_index)
+        heard = self._untimed.heard_until(until_frame_index)
         if self._boot is not None and len(heard):
             self.alarm_manager.begin((), link)
-            wishes = self._wishes_until(int(heard.frame_index[-1]))
+            wishes = self._untimed.wishes_until(int(heard.frame_index[-1]))
             self._stream_check.hear(heard, wishes, self.alarm_manager.ballot)
             yield from self.alarm_manager.tell(link)
-
-    def _wishes_until(self, frame_index: int) -> list[RateRequest]:
-        """The requests that were not looked at yet, up to a frame."""
-        if not self._asked:
-            return []
-        told = [one for one in self._asked if one.frame_index <= frame_index]
-        self._asked = [one for one in self._asked if one.frame_index > frame_index]
-        return told
-
-    def _heard_until(self, frame_index: int | None) -> HeardFrames:
-        """Those of the batch's frames that were not looked at yet, before one of them, or all."""
-        heard = self._beside
-        if frame_index is None:
-            self._beside = _NO_FRAMES
-            return heard
-        end = int(np.searchsorted(heard.frame_index, frame_index))
-        self._beside = heard[end:]
-        return heard[:end]
 
     def entry(self, reader: VehicleReader) -> schema.Vehicle:
         """The vehicle's entry in the report."""
@@ -227,18 +189,6 @@ class VehicleJudge:
     def _stream(self, name: str) -> StreamCount:
         return self._streams.setdefault(name, StreamCount())
 
-    def _hear(self, batch: VehicleBatch, link: LinkClock) -> None:
-        """Take what the vehicle said of itself."""
-        self._statements.take(batch.statements, link)
-        self._news = [*self._news, *batch.statements][-_MOST_NEWS:]
-        self._trims.hear(batch.statements)
-        self._stillness.told(batch.statements, batch.motion)
-        modes = [say for say in batch.statements if isinstance(say, ModeSet)]
-        if modes:
-            since = np.array([say.frame_index for say in modes])
-            self._fixed_wing.put(since, np.array([float(say.type in _FIXED_WING) for say in modes]))
-            self._ardupilot.put(since, np.array([float(say.autopilot == "ardupilot") for say in modes]))
-
     def ask(self, requests: Sequence[RateRequest]) -> Iterator[Notice]:
         """Others asked for rates, in a batch that brought nothing of this vehicle."""
         yield from self._hear_wishes(None, requests)
@@ -247,8 +197,7 @@ class VehicleJudge:
         """Take which rates were asked for, by whom."""
         told = [] if batch is None else [say for say in batch.statements if isinstance(say, ParameterSet)]
         if requests or told:
-            for change in self._wishes.take(requests, told):
-                self._asked.append(change.request)
+            for change in self._untimed.ask(requests, told):
                 self._stream_check.hear_wish(change)
                 yield rate_notice(self.vehicle, change)
 
@@ -291,40 +240,22 @@ class VehicleJudge:
         sent, quaternion = segment.euler, segment.quaternion
         self._latest = [new if len(new) else old for new, old in zip((sent, quaternion), self._latest, strict=True)]
         until = int(segment.frame_index[-1]) if len(segment.frame_index) else -1
-        told = [say for say in self._news if say.frame_index <= until]
-        for say in told:
-            if isinstance(say, ReadySet):
-                self._said[say.source] = say
-            elif isinstance(say, ModeSet):
-                self._said["mode"] = say
-        self._news = [say for say in self._news if say.frame_index > until]
+        told = self._in_force.up_to(until)
         self._expected.told(say for say in told if isinstance(say, ParameterSet | ModeSet))
-        chosen = _inertial(boot, batch)
+        chosen = boot.inertial(batch)
         corrected = self._expected.correct(sent, quaternion, chosen)
         euler = sent if corrected.q_nb is sent.q_nb else replace(sent, q_nb=corrected.q_nb)
-        self._trims.follow(corrected)
-        self._may_be_trim.put(*corrected.may_be_trim_from(before=self._may_be_trim.latest))
-        imu = self._imu_of(chosen)
+        self._in_force.follow(corrected)
+        imu = self._in_force.imu_of(chosen)
         see = partial(boot.references.take, segment.message, euler, quaternion, imu)
         seeing = Beside(see) if len(segment.message) >= _MANY else None
         as_sent = None if euler is sent else sent.q_nb
         aligned = boot.aligner.pair(euler, quaternion, segment.message, as_sent, corrected.changes)
         attitudes, imu_with_attitude = see() if seeing is None else seeing.result()
         self._count(segment, aligned.period_us)
-        rows = segment.frame_index - link.frame_index[0]
-        line = Timeline(
-            frame_index=segment.frame_index,
-            stream=np.minimum(segment.message, OTHER),
-            t_boot_us=segment.t_boot_us,
-            t_rx_us=link.latest_rx_us[rows],
-            heard_us=link.heard_us[rows],
-            period_us=aligned.period_us,
-            rx_period_us=aligned.rx_period_us,
-            lost=segment.lost,
-            received=segment.received,
-        )
+        line = timeline_of(segment, aligned, link)
         turns = list(boot.liveness.take(line, link)) if len(segment.message) else []
-        heard = self._heard_until(None if is_last else until + 1)
+        heard = self._untimed.heard_until(None if is_last else until + 1)
         if is_last:
             turns += boot.liveness.pass_silence(link)
         was_starting, start_ups = boot.is_starting, boot.start_up.take(told, segment)
@@ -339,21 +270,21 @@ class VehicleJudge:
             attitude=attitudes,
             imu=imu,
             imu_with_attitude=imu_with_attitude,
-            secondary=_of_boot(batch.secondary, boot),
-            fixed_wing=self._fixed_wing,
-            ardupilot=self._ardupilot,
-            may_be_trim=self._may_be_trim,
-            trim_open=self._trims.open,
+            secondary=boot.secondary(batch),
+            fixed_wing=self._in_force.fixed_wing,
+            ardupilot=self._in_force.ardupilot,
+            may_be_trim=self._in_force.may_be_trim,
+            trim_open=self._in_force.trim_open,
             stream_changes=turns,
             line=line,
             heard=heard,
-            wishes=self._wishes_until(int(heard.frame_index[-1])) if len(heard) else [],
+            wishes=self._untimed.wishes_until(int(heard.frame_index[-1])) if len(heard) else [],
             statements=told,
         )
         for reset in boot.resets.take(flight.steps):
             boot.diagnosis_cases.reset_at(reset.frame_index, reset.t1_us)
             t_rx_us = link.at(reset.frame_index)
-            said = self._statements.before(reset.frame_index, t_rx_us)
+            said = self._in_force.before(reset.frame_index, t_rx_us)
             notice = reset_notice(self.vehicle, boot.index, reset, t_rx_us, said)
             if len(self._resets) < _MOST_RESETS:
                 self._resets.append(reset_entry(notice.event))
@@ -366,7 +297,7 @@ class VehicleJudge:
             for check in self._checks:
                 check.judge(flight, self.alarm_manager.ballot)
             yield from breaks(self.vehicle, boot.index, self._checks, link)
-        if self._signs and len(segment.frame_index):
+        if self._untimed.has_signs and len(segment.frame_index):
             self._rate_senders(segment)
         found = self._euler_quaternion.found
         assert found is not None
@@ -380,10 +311,8 @@ class VehicleJudge:
             ),
             boot.last_us,
         )
-        told_of = [*self.alarm_manager.tell(link, lambda moment: self._ask(boot, moment, link))]
-        for name in list(boot.asked):
-            for frame_index, t_boot_us in boot.diagnosis_cases.due(name):
-                told_of += self._answer(boot, name, frame_index, t_boot_us, link)
+        told_of = [*self.alarm_manager.tell(link, lambda moment: self._doctor.ask(boot, moment, link))]
+        told_of += self._doctor.ask_again(boot, link)
         yield from told_of
         if self._observer is not None:
             self._observer(
@@ -400,8 +329,7 @@ class VehicleJudge:
 
     def _rate_senders(self, segment: BootSegment) -> None:
         """Rate the signs of more than one sender up to the segment's last message, each with the next message."""
-        told = [sign for sign in self._signs if sign.frame_index <= segment.frame_index[-1]]
-        self._signs = self._signs[len(told) :]
+        told = self._untimed.signs_until(int(segment.frame_index[-1]))
         rows = np.searchsorted(segment.frame_index, [sign.frame_index for sign in told])
         self._stream_check.senders(told, segment.frame_index[rows], segment.t_boot_us[rows], self.alarm_manager.ballot)
 
@@ -419,41 +347,10 @@ class VehicleJudge:
                 check.judge(part, self.alarm_manager.ballot)
                 yield from breaks(self.vehicle, boot.index, [check], link)
 
-    def _ask(self, boot: Boot, moment: AlarmTransition, link: LinkClock) -> Iterator[Notice]:
-        """Ask the doctor about an alarm that is raised, or goes."""
-        if not moment.spec.asks_doctor:
-            return
-        name = moment.record.id
-        if moment.what == "raised":
-            onset_us = moment.onset_us - round(moment.spec.onset_lead_s * 1e6)
-            boot.asked[name] = moment.record
-            boot.diagnosis_cases.open(name, onset_us, moment.t_boot_us)
-            yield from self._answer(boot, name, moment.frame_index, moment.t_boot_us, link)
-        elif name in boot.asked:
-            for frame_index, t_boot_us in boot.diagnosis_cases.due(name, moment.frame_index):
-                yield from self._answer(boot, name, frame_index, t_boot_us, link)
-            if moment.what == "goes":
-                boot.diagnosis_cases.close(name)
-                del boot.asked[name]
-
-    def _answer(self, boot: Boot, name: str, frame_index: int, t_boot_us: int, link: LinkClock) -> Iterator[Notice]:
-        record = boot.asked[name]
-        answer = boot.diagnosis_cases.ask(name, frame_index, t_boot_us, of=QUESTIONS.get(record.check, "forms"))
-        if answer.entry is not None and answer.entry != record.diagnosis:
-            yield from self.alarm_manager.diagnosis(record, answer.entry, frame_index, t_boot_us, link.at(frame_index))
-
-    def _imu_of(self, chosen: ImuSamples | None) -> VehicleImu | None:
-        """Inertial samples with what the vehicle says of itself then."""
-        if chosen is None:
-            return None
-        may_rest, stands = self._stillness.at(chosen.frame_index)
-        trim_b_rad = self._trims.at(chosen.frame_index)
-        return VehicleImu(**vars(chosen), may_rest=may_rest, stands=stands, trim_b_rad=trim_b_rad)
-
     def _start_boot(self, index: int, first: tuple[int, int, int]) -> Boot:
         """Begin a boot with the frame and times of what shows it first."""
         before = self._boot
-        boot = Boot(index, *first, self._said.values(), self._settings)
+        boot = Boot(index, *first, self._in_force.at_boot, self._settings)
         if before is not None:
             self._boots.append(before.entry())
             self._both_alive_us += before.liveness.both_alive_us
@@ -481,23 +378,6 @@ class VehicleJudge:
                     period_us,
                     samples.valid,
                 )
-
-
-def _inertial(boot: Boot, batch: VehicleBatch) -> ImuSamples | None:
-    """The samples, within the boot, of the one sensor that is judged by."""
-    own = {}
-    for name, samples in batch.imu.items():
-        mine = (samples.boot == boot.index) & (samples.t_boot_us >= 0) & (samples.frame_index >= boot.frame_index)
-        if mine.all():
-            own[name] = samples
-        elif mine.any():
-            own[name] = samples[mine]
-    return boot.imu.take(own)
-
-
-def _of_boot(secondary: Ahrs2Samples, boot: Boot) -> Ahrs2Samples:
-    """What came of the second estimate within the boot."""
-    return secondary.where((secondary.boot == boot.index) & (secondary.frame_index >= boot.frame_index))
 
 
 def _boots_in(boot: Int64s) -> set[int]:

@@ -15,16 +15,10 @@ from typing import Any
 import numpy as np
 
 from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record
-from gcs_bridge.pairing.kernel import (
-    EULER,
-    QUATERNION,
-    Came,
-    Limits,
-    PairRows,
-    new_pair_state,
-    pair_kernel,
-)
+from gcs_bridge.pairing.kernel import pair_kernel
+from gcs_bridge.pairing.state import EULER, QUATERNION, Came, new_pair_state
 from gcs_bridge.pairing.steps import Steps, step_rows, steps_of
+from gcs_bridge.pairing.values import Limits, PairRows
 from gcs_bridge.settings import AlignmentSettings, ResetSettings
 from gcs_bridge.telemetry.samples import AttitudeSamples
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record
-from gcs_bridge.pairing.kernel import StepRows
+from gcs_bridge.pairing.values import StepRows
 
 
 @record

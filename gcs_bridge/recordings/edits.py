@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge.attitude import rpy_from_quaternion
-from gcs_bridge.diagnosis.causes import Cause, Value
+from gcs_bridge.diagnosis.mistake import Cause, Value
 from gcs_bridge.errors import SourceError, UsageError
 from gcs_bridge.mavlink.checksum import frame_crc
 from gcs_bridge.mavlink.decode import decode

@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 from dataclasses import dataclass
 
-from gcs_bridge.diagnosis.causes import CAUSES, Parameter, Value
+from gcs_bridge.diagnosis.causes import CAUSES
+from gcs_bridge.diagnosis.mistake import Parameter, Value
 from gcs_bridge.errors import UsageError
 from gcs_bridge.recordings.link_faults import LINK_FAULTS
 

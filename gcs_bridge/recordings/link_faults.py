@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from gcs_bridge.diagnosis.causes import Parameter, Value
+from gcs_bridge.diagnosis.mistake import Parameter, Value
 from gcs_bridge.errors import UsageError
 from gcs_bridge.mavlink.decode import decode
 from gcs_bridge.mavlink.dialect import Message

@@ -14,9 +14,10 @@ from gcs_bridge.jit import kernel
 from gcs_bridge.mavlink.decode import float_in, int16_in, offsets, unsigned_in
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
-from gcs_bridge.telemetry.clocks import BOOT, FRAME_INDEX, OFFSET, ROW, T_BOOT_US, TimedMessages, on_boot_clock
+from gcs_bridge.telemetry.clocks import BOOT, FRAME_INDEX, ROW, T_BOOT_US, TimedMessages
 from gcs_bridge.telemetry.imu_units import UnitResolver, Units
 from gcs_bridge.telemetry.messages import KIND, TIMED
+from gcs_bridge.telemetry.other_clocks import OFFSET, on_boot_clock
 from gcs_bridge.telemetry.samples import ImuSamples
 from gcs_bridge.telemetry.sorting import Share, SortedFrames
 

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gcs_bridge.diagnosis.causes import CAUSES, Cause, Value
+from gcs_bridge.diagnosis.causes import CAUSES
+from gcs_bridge.diagnosis.mistake import Cause, Value
 from gcs_bridge.errors import UsageError
 from tests.helpers.diagnosis_oracle import FRAMES
 

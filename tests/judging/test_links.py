@@ -9,7 +9,7 @@ import pytest
 
 from gcs_bridge import Monitor
 from gcs_bridge.events import Notice, utc
-from gcs_bridge.judging.link import LinkVehicle
+from gcs_bridge.judging.link_vehicle import LinkVehicle
 from gcs_bridge.judging.monitor import Monitor as JudgingMonitor
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.mavlink.scanner import RawFrame

@@ -1,0 +1,50 @@
+"""Which bad pairs have no vote for a while: those that disagree as a firmware may on purpose, until that is known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gcs_bridge.attitude.compiled import ray_at
+from gcs_bridge.attitude.gravity import down_of
+from gcs_bridge.checks.base import row_at
+from gcs_bridge.jit import helper
+
+CALM_US = 5_000_000  # without a bad pair, before the next one is a new onset
+_HELD_US, _HELD_SLOW_US = 3_000_000, 6_000_000  # how long a disagreement may be withheld; for pairs that come slowly
+_SLOW_US = 400_000
+_START_US = 3_000_000
+_OFF_AXIS = 0.05  # share of a turn that may be about other axes
+_STEEP = 0.1  # the cosine of a pitch at which there is no level axis to the right any more
+_MOST_TRIM_RAD = math.radians(10.0)
+LEVEL_TRIM_RAD = _MOST_TRIM_RAD**2 / 2.0  # so much of heading both AHRS_TRIMs together make of a level vehicle
+
+
+# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
+
+
+@helper
+def is_withheld(pairs, i, of, found, may_be_fixed_wing, may_be_trim):  # type: ignore[no-untyped-def]  # typed by numba
+    """Whether a bad pair disagrees as a firmware may on purpose, while that could still be found out.
+
+    What a firmware does is told by parameters and modes, or fitted to some pairs: both take a moment. For so long
+    after its onset a disagreement has no vote if it is a turn about the body's y axis, or the level one to its right,
+    on an ArduPlane (a view, a trim), or no larger than AHRS_TRIM could make it there: from a boot's first seconds on,
+    or while it takes time to fit that trim.
+    """
+    before_us, of.bad_us = of.bad_us, max(of.bad_us, pairs.t_boot_us[i])
+    if of.bad_us - before_us > CALM_US:
+        of.onset_us = of.bad_us
+    x, y, z = row_at(found.rotvec_body, i)
+    angle, limit = found.angle[i], found.limit[i]
+    q_nb, norm2 = ray_at(pairs.q_quaternion, i)
+    _, down_y, cos_tilt = down_of(q_nb, norm2)
+    off_level = abs(cos_tilt * z + down_y * y) / max(np.hypot(down_y, cos_tilt), _STEEP)
+    about_y = min(np.hypot(x, z), np.hypot(x, off_level)) <= _OFF_AXIS * angle + limit
+    tilt = np.arccos(np.minimum(np.maximum(cos_tilt, -1.0), 1.0))
+    by_trim = angle <= 2.0 * np.sin(tilt / 2.0) * _MOST_TRIM_RAD + limit
+    is_starting = of.onset_us - of.first_us < _START_US
+    held_us = _HELD_SLOW_US if pairs.duration_us[i] >= _SLOW_US else _HELD_US
+    is_young = of.bad_us - of.onset_us < held_us
+    return is_young and ((about_y and may_be_fixed_wing) or (by_trim and (is_starting or may_be_trim)))

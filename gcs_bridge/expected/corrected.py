@@ -1,0 +1,69 @@
+"""What comes out: samples of ATTITUDE with the expected differences undone, and what of them is still open."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record
+from gcs_bridge.expected.correction import (
+    AHRS_TRIM,
+    NOTHING,
+    PITCH_TRIM,
+    TRIM_FITTED,
+    UNSURE,
+    VTOL_VIEW,
+    Correction,
+)
+
+
+@record
+class Corrected(FrameColumns):
+    """n Euler samples with the expected differences undone.
+
+    `q_nb` (n, 4) [w, x, y, z], FRD to NED; `causes` (n,) bits PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what turned a sample
+    by more than 0.02°; `open` (n,) bits of what may be in it, was not told and not fitted yet, UNSURE where that takes
+    time, and TRIM_FITTED; `applied` (n,) which of the `corrections` was undone, the first of which is none.
+    """
+
+    q_nb: Floats
+    causes: npt.NDArray[np.uint8]
+    open: npt.NDArray[np.uint8]
+    applied: Int64s
+    corrections: tuple[Correction, ...]
+    changes: Int64s | None = None
+
+    def undo(self, rpy_rad: Floats, rows: Int64s) -> Floats:
+        """What was undone at `rows` (n,) of the batch, undone in other angles (n, 3): q_nb (n, 4)."""
+        q_nb = NOTHING.undo(rpy_rad)
+        applied = self.applied[rows]
+        for index in np.unique(applied[applied > 0]).tolist():
+            mine = applied == index
+            q_nb[mine] = self.corrections[index].undo(rpy_rad[mine])
+        return q_nb
+
+    @property
+    def undoes(self) -> bool:
+        """Whether anything was undone."""
+        return len(self.corrections) > 1
+
+    def may_be_trim_from(self, before: float) -> tuple[Int64s, Floats]:
+        """Frames (k,) from which on AHRS_TRIM may still be found in what differs, 1, or may not, 0, unlike before."""
+        may_be = ((self.open & UNSURE) != 0).astype(np.float64)
+        changes = np.flatnonzero(np.diff(may_be, prepend=before))
+        return self.frame_index[changes], may_be[changes]
+
+    @property
+    def untold(self) -> npt.NDArray[np.uint8]:
+        """Bits (n,) PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what may be in a sample, was not told and not fitted yet."""
+        return self.open & np.uint8(PITCH_TRIM | AHRS_TRIM | VTOL_VIEW)
+
+    @property
+    def trim_fitted(self) -> Mask:
+        """Whether AHRS_TRIM was fitted (n,), and is known as well as if it had been told."""
+        return np.asarray((self.open & TRIM_FITTED) != 0)
+
+    @property
+    def trim_b_rad(self) -> Floats:
+        """AHRS_TRIM as it was undone in each of the samples: the turn (n, 3) from the body's axes to the IMU's."""
+        return np.array([(one.trim_x_rad, one.trim_y_rad, 0.0) for one in self.corrections])[self.applied]
