@@ -52,6 +52,7 @@ CLOCK = np.dtype(
         ("restarting_us", "i8"),  # for how long it was heard since
         ("restart_lost", "i8"),  # frames that were missing then, and that came since
         ("restart_came", "i8"),
+        ("status", "i8"),  # MAV_STATE as the latest heartbeat said
         # By messages with a time of their own.
         ("by_witness", "?"),  # no other time was told in this boot
         ("witnesses", "i8"),

@@ -13,14 +13,22 @@ import numpy as np
 
 from gcs_bridge.columns import Int64Rows, Int64s, Mask, Records
 from gcs_bridge.jit import helper, kernel
-from gcs_bridge.mavlink.decode import offsets, unsigned_in
+from gcs_bridge.mavlink.decode import offsets, place_of, unsigned_in
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
 from gcs_bridge.telemetry.boot_time import CLOCK, DOUBTED, GOES_ON, LATE, REBOOT, STEP, read_time, start_boot
-from gcs_bridge.telemetry.messages import OTHER, TIMED, UNTIMED
-from gcs_bridge.telemetry.restarts import WITNESS, OtherTimes, hear_witness, other_times, suspect_restart
+from gcs_bridge.telemetry.messages import KIND, OTHER, TIMED, UNTIMED
+from gcs_bridge.telemetry.restarts import (
+    WITNESS,
+    OtherTimes,
+    hear_status,
+    hear_witness,
+    other_times,
+    suspect_restart,
+)
 from gcs_bridge.telemetry.sorting import Kinds, Share, SortedFrames
 
+_HEARTBEAT = KIND["HEARTBEAT"]
 _NAMES = {REBOOT: "reboot", STEP: "clock_step"}
 
 
@@ -91,6 +99,7 @@ def _follow(
     end: int,
     first: int,
     offset: Int64s,
+    status_at: int,
     times: OtherTimes,
     witness: Annotated[Records, WITNESS],
     came: int,
@@ -101,8 +110,8 @@ def _follow(
 ) -> tuple[int, int, int]:
     """Read the timed ones of a component's frames, of which `came` came before; `first`: the index of frame 0.
 
-    `offset`: where time_boot_ms begins in the payload of each kind. Return how many were believed, how often the clock
-    changed, and which row is in doubt at the end, −1: none.
+    `offset`: where time_boot_ms begins in the payload of each kind, `status_at` the status in a heartbeat's. Return how
+    many were believed, how often the clock changed, and which row is in doubt at the end, −1: none.
     """
     state = clock[0]
     n = n_changes = 0
@@ -120,6 +129,8 @@ def _follow(
                 state.epoch_us = 0
                 state.by_witness, state.restarting = True, False
                 n_changes = _note(changes, n_changes, first + row, frame.t_rx_us, state.boot, REBOOT, -1, 0)
+            if message == _HEARTBEAT:
+                hear_status(state, unsigned_in(payload, status_at, 1), frame)
             place = times.row_of_id[frame.msgid] if frame.msgid < times.row_of_id.size else -1
             if place >= 0:
                 own_us = unsigned_in(payload, times.offset[place], times.size[place]) * times.scale[place]
@@ -171,8 +182,9 @@ class BootClock:
     def __init__(self, dialect: Dialect) -> None:
         """Start before the first message."""
         self._offset = _time_offsets(dialect)
+        self._status_at = place_of(dialect["HEARTBEAT"], "system_status")[0]
         self._state = np.zeros(1, CLOCK)
-        for name in ("latest_us", "doubted_us", "row", "earlier_us", "earlier_run_us", "frame_rx_us"):
+        for name in ("latest_us", "doubted_us", "row", "earlier_us", "earlier_run_us", "frame_rx_us", "status"):
             self._state[name] = -1
         self._times = other_times(dialect)
         self._witness = np.zeros(len(self._times.offset), WITNESS)
@@ -208,6 +220,7 @@ class BootClock:
             share.end,
             batch.first,
             self._offset,
+            self._status_at,
             self._times,
             self._witness,
             received,

@@ -1,6 +1,7 @@
 """A vehicle that has restarted and sends no attitude yet: known by what else it sends.
 
-By times of other messages that went with its clock before, or by a sequence that begins anew behind a silence.
+By times of other messages that went with its clock before, by a sequence that begins anew behind a silence, or by a
+heartbeat that says that it boots.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from gcs_bridge.telemetry.messages import TIMED
 _RESTART_SILENCE_US, _RESTART_SEQ = 1_500_000, 5
 _LONG_SILENCE_US, _EARLY_SEQ = 2_500_000, 31
 _RESTARTED_US = 10_000_000  # and so long nothing that tells a time: it has restarted
+_BOOT = 1  # MAV_STATE_BOOT; 0: not initialised
+_SURE = 2**40  # frames: no loss says otherwise
 # Messages with a time of their own that fell back to near zero, and for how long, before they are believed.
 _WITNESSES, _WITNESSED_US = 3, 1_000_000
 _WITNESS_SLACK_US = 10_000_000  # that a receiver's clock may be wrong by
@@ -81,6 +84,16 @@ def _begin_restart(clock, frame):  # type: ignore[no-untyped-def]  # typed by nu
     """From here on it may have restarted."""
     clock.restarting, clock.restarting_us = True, 0
     clock.restart_lost, clock.restart_came = frame.lost, 0
+
+
+@helper
+def hear_status(clock, status, frame):  # type: ignore[no-untyped-def]  # typed by numba
+    """Take the MAV_STATE of the next heartbeat: what did not boot before, and does now, has restarted."""
+    if status <= _BOOT < clock.status:
+        if not clock.restarting:
+            _begin_restart(clock, frame)
+        clock.restart_came = _SURE
+    clock.status = status
 
 
 @helper
