@@ -312,23 +312,24 @@ def pressure(ms: int) -> Any:
     return mavlink.MAVLink_scaled_pressure_message(ms, 1013.0, 0.0, 2000)
 
 
-def heartbeat() -> Any:
-    return mavlink.MAVLink_heartbeat_message(wire.QUADROTOR, wire.ARDUPILOT, 81, 0, 4, 3)
+def heartbeat(state: int = 4) -> Any:
+    """Of MAV_STATE 1 is BOOT, 4 ACTIVE."""
+    return mavlink.MAVLink_heartbeat_message(wire.QUADROTOR, wire.ARDUPILOT, 81, 0, state, 3)
 
 
 def restarted(
-    others: Sequence[Any], silent_s: float, seconds: float = 30.0, hz: float = 4.0, *, first: int = 0
+    others: Sequence[Any], silent_s: float, seconds: float = 30.0, hz: float = 4.0, *, first: int = 0, state: int = 4
 ) -> list[Record]:
     """Thirty seconds of flight with these messages, and then a new start that sends them and heartbeats alone.
 
-    `first`: the number of its first frame that was heard.
+    `first`: the number of its first frame that was heard; `state` what its heartbeats say.
     """
     also = [(i / hz, make(round(1000 * (BOOT_S + i / hz)))) for i in range(round(30 * hz)) for make in others]
     records = craft(also=also).records(30)
     send, begin_us = sender(first=first), wire.START_US + round((30 + silent_s) * S)
     for i in range(round(seconds * hz)):
         ms = 1500 + round(1000 * i / hz)
-        said = [*([heartbeat()] if i % round(hz) == 0 else []), *(make(ms) for make in others)]
+        said = [*([heartbeat(state)] if i % round(hz) == 0 else []), *(make(ms) for make in others)]
         records += [(begin_us + round(i / hz * S), send(message)) for message in said]
     return records
 
@@ -370,6 +371,18 @@ def test_a_restart_after_which_heartbeats_come_first(booting_s: float, first: in
     events, vehicle = one([*records, *((t_us + begin_us, frame) for t_us, frame in after)])
     assert len(told(events, "reboot")) == 1
     assert len(vehicle["boots"]) == 2
+    assert alarms(vehicle) == []
+
+
+@pytest.mark.parametrize("booting_s", [3, 5, 15])
+@pytest.mark.parametrize("silent_s", varied(0.3, 2, 4))
+def test_a_restart_that_heartbeats_tell(silent_s: float, booting_s: float) -> None:
+    """They say that it boots, whatever the numbers do: no alarm until it has, and one restart."""
+    records = restarted([], silent_s, booting_s, first=100, state=1)
+    begin_us = round((30 + silent_s + booting_s) * S)
+    after = craft(boot_s=3.0 + booting_s).records(20)
+    events, vehicle = one([*records, *((t_us + begin_us, frame) for t_us, frame in after)])
+    assert len(told(events, "reboot")) == 1
     assert alarms(vehicle) == []
 
 
