@@ -81,6 +81,9 @@ class AlarmManager:
         self._settings = settings
         self.ballot = Ballot(sorted(specs, key=lambda spec: spec.severity != "alarm"))
         self._slots = [AlarmSlot(spec, self.ballot) for spec in self.ballot.specs]
+        self._of_check: dict[str, list[AlarmSlot]] = {}
+        for slot in self._slots:
+            self._of_check.setdefault(slot.spec.check, []).append(slot)
         self._shelf: dict[AlarmSlot, int] = {}  # what is shelved → receive time at which that ends, µs
         self.start_boot(0)
 
@@ -105,7 +108,7 @@ class AlarmManager:
 
     def pending(self, check: str) -> bool:
         """Whether an alarm of this check waits for its delay."""
-        return any(slot.spec.check == check and slot.is_pending for slot in self._slots)
+        return any(slot.is_pending for slot in self._of_check.get(check, ()))
 
     def standing(self) -> list[AlarmRecord]:
         """The alarms that are pending or stand, severe ones first."""

@@ -258,14 +258,9 @@ class AlarmChange(NamedTuple):
     change: Change
 
 
-class SlotNow(NamedTuple):
-    """Where an alarm is, by all samples that it was given, and the last of them: time, value and limit."""
-
-    state: State
-    samples: int  # lately; 0: none came within the boot
-    t_boot_us: int
-    value: float
-    limit: float
+SlotNow = tuple[State, int, int, float, float]
+"""Where an alarm is, by all samples that it was given: how many came of late (0: none within the boot), and of the
+last one time, µs, value and limit. A plain tuple: one is made of each alarm whenever somebody looks."""
 
 
 class Ballot:
@@ -385,8 +380,8 @@ class Ballot:
     def now(self) -> list[SlotNow]:
         """Where each alarm is, in the order of their places."""
         alarm = self._votes.alarm
-        columns = (alarm[name].tolist() for name in ("state", "samples", "t_us", "value", "limit"))
-        return [SlotNow(_STATES[state], *numbers) for state, *numbers in zip(*columns, strict=True)]
+        state, *numbers = (alarm[name].tolist() for name in ("state", "samples", "t_us", "value", "limit"))
+        return list(zip(map(_STATES.__getitem__, state), *numbers, strict=True))
 
 
 _NO_SIGNALS: npt.NDArray[np.int64] = np.empty((0, 2), np.int64)

@@ -114,14 +114,15 @@ def attitude_now(samples: AttitudeSamples | None, t_rx_us: int, *, alive: bool) 
 def alarm_now(slot: AlarmSlot, now: SlotNow) -> AlarmNow:
     """One alarm, as its ballot has it now."""
     spec, record, scale = slot.spec, slot.record, slot.scale
+    state, samples, t_boot_us, value, limit = now
     return AlarmNow(
         name=spec.name,
         severity=spec.severity,
         unit=spec.unit,
-        t_boot_s=now.t_boot_us / 1e6 if now.samples else None,
-        value=now.value * scale if now.samples else None,
-        limit=now.limit * scale if now.samples else None,
-        state=now.state,
+        t_boot_s=t_boot_us / 1e6 if samples else None,
+        value=value * scale if samples else None,
+        limit=limit * scale if samples else None,
+        state=state,
         announcement=slot.announcement,
         id=None if record is None else record.id,
         peak=None if record is None else record.peak,

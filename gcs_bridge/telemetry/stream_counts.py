@@ -5,7 +5,7 @@ What is in them is not looked at here.
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -165,23 +165,29 @@ class StreamCount:
 
         By receive time where its own stands still.
         """
-        intervals, spent_us, silences, silent_us, rx_intervals, rx_spent_us = (
-            int(self._count[name][0])
-            for name in ("intervals", "spent_us", "silences", "silent_us", "rx_intervals", "rx_spent_us")
-        )
-        if self.stands:
-            return rx_intervals / rx_spent_us * US_PER_S if rx_intervals else None
-        if intervals:
-            return intervals / spent_us * US_PER_S
-        return silences / silent_us * US_PER_S if silences else None
+        return _rate_hz(self._now)
+
+    @property
+    def _now(self) -> dict[str, Any]:
+        """All counters at once: one by one they cost more than what they are for."""
+        names = self._count.dtype.names or ()
+        return dict(zip(names, self._count[0].item(), strict=True))
 
     def entry(self) -> Stream:
         """The stream's entry in the report."""
-        max_gap_us = int(self._count["max_gap_us"][0])
+        of = self._now
         return Stream(
-            count=self.count,
-            rate_hz=self.rate_hz,
-            max_gap_s=max_gap_us / US_PER_S if max_gap_us else None,
-            lost=int(self._count["lost"][0]) if self._count["follows_losses"][0] else None,
-            invalid=self.invalid,
+            count=of["count"],
+            rate_hz=_rate_hz(of),
+            max_gap_s=of["max_gap_us"] / US_PER_S if of["max_gap_us"] else None,
+            lost=of["lost"] if of["follows_losses"] else None,
+            invalid=of["invalid"],
         )
+
+
+def _rate_hz(of: dict[str, Any]) -> float | None:
+    if 2 * of["standing"] > of["count"]:
+        return of["rx_intervals"] / of["rx_spent_us"] * US_PER_S if of["rx_intervals"] else None
+    if of["intervals"]:
+        return of["intervals"] / of["spent_us"] * US_PER_S  # type: ignore[no-any-return]
+    return of["silences"] / of["silent_us"] * US_PER_S if of["silences"] else None

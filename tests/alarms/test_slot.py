@@ -76,4 +76,4 @@ def test_a_new_boot_forgets_all_but_the_shelf() -> None:
     ballot.start_boot()
     slot.start_boot()
     assert (slot.state, slot.announcement) == (State.NORMAL, Announcement.SHELVED)
-    assert [now.state for now in ballot.now()] == [State.NORMAL]
+    assert [state for state, *_ in ballot.now()] == [State.NORMAL]
