@@ -11,7 +11,7 @@ import signal
 import time
 from collections.abc import Callable, Sequence
 from types import FrameType, TracebackType
-from typing import Any
+from typing import Any, Protocol
 
 from gcs_bridge.chunks import Framing
 from gcs_bridge.contract import readable
@@ -19,7 +19,7 @@ from gcs_bridge.events import Damage, Event, LinkDown, LinkUp, utc
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.links.link import Link, LinkDownError, now_us
 
-__all__ = ["Stop", "listen"]
+__all__ = ["Errand", "Stop", "listen"]
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
 # So long what comes first waits for what comes with it: a vehicle sends its messages in bursts, and judging one costs
 # nearly the same whether it holds one message or ten. Where it costs much, as of many vehicles, it waits twice as long
@@ -27,6 +27,16 @@ _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and 
 _GATHER_S, _LONGEST_S = 0.003, 0.01
 _AT_ONCE_S = 0.0001  # what was there already is told within this time
 _POLL_S = 0.01  # so often a link is asked that cannot be waited for
+
+
+class Errand(Protocol):
+    """What else is done in the loop's thread, between two batches: it waits for nobody."""
+
+    def descriptors(self) -> Sequence[int]:
+        """What to wait on beside the links: readable where there is something to do."""
+
+    def run(self) -> None:
+        """Do it; called each time the loop comes round, some times a second at least."""
 
 
 class Stop:
@@ -41,6 +51,10 @@ class Stop:
         self.asked = False
         self.patient = False
         self._before: list[tuple[int, Any]] = []
+
+    def ask(self) -> None:
+        """Wish it."""
+        self.asked = True
 
     def __enter__(self) -> Stop:
         self._before = [(number, signal.signal(number, self._on_signal)) for number in (signal.SIGINT, signal.SIGTERM)]
@@ -65,6 +79,7 @@ def listen(
     *,
     stop: Callable[[], bool] = lambda: False,
     duration_s: float | None = None,
+    errands: Sequence[Errand] = (),
 ) -> bool:
     """Feed `monitor` from the links and `tell` each batch's events, until `stop` says so or `duration_s` is over.
 
@@ -82,7 +97,8 @@ def listen(
         asked_s = time.monotonic()
         if stop() or asked_s >= ends_s:
             return True
-        _wait([one.link for one in open_ones], min(_TICK_S, ends_s - asked_s))
+        beside = [descriptor for errand in errands for descriptor in errand.descriptors()]
+        _wait([one.link for one in open_ones], min(_TICK_S, ends_s - asked_s), beside)
         came_s = time.monotonic()
         if came_s - asked_s < _AT_ONCE_S:
             came_s = taken_s  # it came while the last batch was judged, and has waited since
@@ -91,6 +107,8 @@ def listen(
         taken_s = time.monotonic()
         heard = [one for one in open_ones if one.take()]
         judged_s = time.monotonic() - taken_s
+        for errand in errands:
+            errand.run()
         if taken_s - ticked_s >= _TICK_S:
             ticked_s = taken_s
             for one in listened:
@@ -99,10 +117,11 @@ def listen(
     return False
 
 
-def _wait(links: Sequence[Link], seconds: float) -> None:
+def _wait(links: Sequence[Link], seconds: float, beside: Sequence[int]) -> None:
     """Until something has come on any of them; not long where there is one that cannot be waited for."""
-    descriptors = [descriptor for link in links if (descriptor := link.fileno()) is not None]
-    if len(descriptors) < len(links):
+    of_links = [descriptor for link in links if (descriptor := link.fileno()) is not None]
+    descriptors = [*of_links, *beside]
+    if len(of_links) < len(links):
         seconds = min(seconds, _POLL_S)
     if descriptors:
         select.select(descriptors, [], [], seconds)

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from gcs_bridge.errors import SourceError
-from gcs_bridge.links.link import DatagramLink, Link, SerialLink, TcpLink
+from gcs_bridge.links.link import DatagramLink, Link, SerialLink, SpeakingLink, TcpLink
 from gcs_bridge.links.udp_owner import udp_port_owner
 from gcs_bridge.links.uri import NetworkUri, SerialUri, Uri
 
 __all__ = ["OPENERS", "open_link"]
-# Nothing is sent, but pymavlink wants to know as whom; its default component 0 is invalid (mavlink.io,
+# Nothing is sent by it, but pymavlink wants to know as whom; its default component 0 is invalid (mavlink.io,
 # guide/routing.html). Not 255: an autopilot may take that system for its ground station.
 _SYSTEM = 254
 _COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
@@ -37,6 +37,13 @@ def _open_datagrams(uri: Uri, dialect: str) -> Link:
     return DatagramLink(str(uri), _connected(str(uri), dialect))
 
 
+def _open_speaking(uri: Uri, dialect: str) -> Link:
+    """`udpout:`: whoever is there learns of us by what we send. Parsed only where that is allowed."""
+    assert isinstance(uri, NetworkUri)
+    to = socket.getaddrinfo(uri.host, uri.port, socket.AF_INET, socket.SOCK_DGRAM)[0][4]
+    return SpeakingLink(str(uri), _connected(str(uri), dialect), to)
+
+
 def _open_tcp(uri: Uri, dialect: str) -> Link:
     with _bounded_wait():
         return TcpLink(str(uri), _connected(str(uri), dialect))
@@ -50,6 +57,7 @@ def _open_serial(uri: Uri, dialect: str) -> Link:
 # The kinds of link; what they are called is in `links.uri`.
 OPENERS: dict[str, Callable[[Uri, str], Link]] = {
     "udpin": _open_datagrams,
+    "udpout": _open_speaking,
     "tcp": _open_tcp,
     "serial": _open_serial,
 }

@@ -25,7 +25,7 @@ class LiveFile:
         """Open the file; what is in it already stays."""
         refuse_unwritable(path, sources=[])
         try:
-            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
+            self._descriptor = _opened(path)
         except OSError as error:
             raise UsageError(f"cannot write {path}: {error.strerror}") from None
         self.failed = False
@@ -46,6 +46,18 @@ class LiveFile:
             os.close(self._descriptor)
             self._descriptor = -1
 
+    def reopen(self) -> None:
+        """Go on in the file that has its name now, or in a new one; in the old one where that cannot be."""
+        if self._descriptor < 0:
+            return
+        try:
+            descriptor = _opened(self._path)
+        except OSError as error:
+            self._complain(f"cannot open {self._path} anew: {error.strerror}; going on as before")
+            return
+        os.close(self._descriptor)
+        self._descriptor = descriptor
+
     def append(self, data: bytes) -> None:
         """Hand the bytes to the system: from here on they outlive this process."""
         rest = memoryview(data)
@@ -55,6 +67,10 @@ class LiveFile:
             except OSError as error:
                 self.failed = True
                 self._complain(f"cannot write {self._path} any longer: {error.strerror}; going on without it")
+
+
+def _opened(path: Path) -> int:
+    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
 
 
 class FileSink(Sink):
@@ -75,6 +91,10 @@ class FileSink(Sink):
     def failed(self) -> bool:
         """Whether the file could not be written to any longer."""
         return self._file.failed
+
+    def reopen(self) -> None:
+        """Go on in the file that has its name now."""
+        self._file.reopen()
 
     def close(self) -> None:
         """Close the file."""
