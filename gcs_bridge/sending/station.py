@@ -183,7 +183,8 @@ class Station(Sink):
     def _say(self, link: int, system: int, severity: int, text: str) -> None:
         """A text about a vehicle: to the stations on the relays, else by way of the vehicle's link.
 
-        As a component of that vehicle: QGroundControl and MAVProxy show no texts of any other system.
+        As a component of that vehicle: QGroundControl shows no texts of any other system; MAVProxy, too, those of other
+        components after `set target_component 0`.
         """
         if self._outlets:
             for place, outlet in enumerate(self._outlets):

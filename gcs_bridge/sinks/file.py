@@ -18,7 +18,8 @@ class LiveFile:
     """Appends to a file, without a buffer of its own.
 
     A file that cannot be opened is a UsageError. One that cannot be written to later (the disk is full) is told once to
-    `complain`, and then left alone: what watches a vehicle must not end for want of a record. `failed` tells of it.
+    `complain`, and then left alone until it is opened anew: what watches a vehicle must not end for want of a record.
+    `failed` tells of it.
     """
 
     def __init__(self, path: Path, complain: Callable[[str], None]) -> None:
@@ -29,6 +30,7 @@ class LiveFile:
         except OSError as error:
             raise UsageError(f"cannot write {path}: {error.strerror}") from None
         self.failed = False
+        self._is_left = False
         self._path = path
         self._complain = complain
 
@@ -56,16 +58,16 @@ class LiveFile:
             self._complain(f"cannot open {self._path} anew: {error.strerror}; going on as before")
             return
         os.close(self._descriptor)
-        self._descriptor = descriptor
+        self._descriptor, self._is_left = descriptor, False
 
     def append(self, data: bytes) -> None:
         """Hand the bytes to the system: from here on they outlive this process."""
         rest = memoryview(data)
-        while rest and not self.failed:
+        while rest and not self._is_left:
             try:
                 rest = rest[os.write(self._descriptor, rest) :]
             except OSError as error:
-                self.failed = True
+                self.failed = self._is_left = True
                 self._complain(f"cannot write {self._path} any longer: {error.strerror}; going on without it")
 
 

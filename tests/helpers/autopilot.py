@@ -1,11 +1,11 @@
 """An autopilot made by hand that takes commands: packed and read by pymavlink, in any time that it is told."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
-
 
 ATTITUDE, QUATERNION, RAW_IMU, HIGHRES_IMU = 30, 31, 27, 105
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3
@@ -24,6 +24,7 @@ class Autopilot:
     answers: bool = True
     tells_intervals: bool = True
     limit_hz: float = 1000.0  # what its link takes
+    off_deg: float = 0.0  # of the quaternion's heading: a fault
     received: list[Any] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -87,11 +88,13 @@ class Autopilot:
             self.say(mavlink.MAVLink_message_interval_message(msgid, round(1e6 / rate_hz) if rate_hz else -1))
 
     def _message(self, msgid: int, at_s: float) -> Any:
-        boot_ms = round(10_000 + at_s * 1000)
+        boot_ms, half_rad = round(10_000 + at_s * 1000), math.radians(self.off_deg) / 2
         messages: dict[int, Callable[[], Any]] = {
             0: lambda: mavlink.MAVLink_heartbeat_message(2, self.autopilot, 81, 0, 4, 3),
             ATTITUDE: lambda: mavlink.MAVLink_attitude_message(boot_ms, 0, 0, 0, 0, 0, 0),
-            QUATERNION: lambda: mavlink.MAVLink_attitude_quaternion_message(boot_ms, 1, 0, 0, 0, 0, 0, 0),
+            QUATERNION: lambda: mavlink.MAVLink_attitude_quaternion_message(
+                boot_ms, math.cos(half_rad), 0, 0, math.sin(half_rad), 0, 0, 0
+            ),
             RAW_IMU: lambda: mavlink.MAVLink_raw_imu_message(boot_ms * 1000, 0, 0, -1000, 0, 0, 0, 200, 0, 400),
             HIGHRES_IMU: lambda: mavlink.MAVLink_highres_imu_message(
                 boot_ms * 1000, 0, 0, -9.8, 0, 0, 0, 0.2, 0, 0.4, 0, 0, 0, 0, 63
@@ -116,5 +119,3 @@ def station_message(message: Any, system: int = 255, component: int = 190, seq: 
     mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
     mav.seq = seq
     return bytes(message.pack(mav))
-
-

@@ -209,10 +209,12 @@ def _split(data: bytes) -> list[bytes]:
 # --- refusals --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("text", ["", "14550", "/dev/ttyACM0", "udp:127.0.0.1:14550", "mcast:", "tcp:127.0.0.1", "tcp:x:0"])
+@pytest.mark.parametrize(
+    "text", ["", "14550", "/dev/ttyACM0", "udp:127.0.0.1:14550", "mcast:", "tcp:127.0.0.1", "tcp:x:0"]
+)
 def test_what_is_no_relay(text: str) -> None:
     """One line that says what is."""
-    with pytest.raises(UsageError, match="HOST:PORT|must be as tcp:"):
+    with pytest.raises(UsageError, match=r"HOST:PORT|must be as tcp:"):
         parse_relay(text)
 
 
@@ -234,5 +236,3 @@ def test_a_relay_that_leads_back_here(host: str) -> None:
         refuse_loop(NetworkUri("udpout", host, 14550), [link])
     refuse_loop(NetworkUri("udpout", host, 14551), [link])
     refuse_loop(NetworkUri("udpout", "192.0.2.7", 14550), [link])
-
-
