@@ -10,6 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from gcs_bridge.columns import Floats, Int64s
+from gcs_bridge.expected.knowledge import is_possible
 from gcs_bridge.expected.vehicle import Corrected
 from gcs_bridge.telemetry.statements import ParameterSet, Statement, StepSignal
 
@@ -27,7 +28,9 @@ class TrimsInForce:
 
     def hear(self, statements: Iterable[Statement]) -> None:
         """Take what the vehicle said of itself."""
-        self._told += [say for say in statements if isinstance(say, ParameterSet) and say.name in _NAMES]
+        self._told += [
+            say for say in statements if isinstance(say, ParameterSet) and say.name in _NAMES and is_possible(say)
+        ]
 
     def follow(self, corrected: Corrected) -> None:
         """Take what was undone in the next samples of ATTITUDE."""

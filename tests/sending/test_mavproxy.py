@@ -145,4 +145,3 @@ def test_it_stands_still(ours: str, theirs: str, kind: int, tmp_path: Path) -> N
     gaps_s = [(two.t_rx_us - one.t_rx_us) / 1e6 for one, two in itertools.pairwise(frames)]
     assert max(gaps_s) < 1.0
     assert "were dropped here" not in said
-    assert kind == socket.SOCK_DGRAM or "frames were dropped: more than it takes" in said
