@@ -176,8 +176,10 @@ class Live:
     def __exit__(self, *_: object) -> None:
         self._stop.set()
         self.join()
-        for one in (*self._links, *self._stations):
-            one.close()
+        for link in self._links:
+            link.close()
+        for station in self._stations:
+            station.close()
 
     def join(self, seconds: float = 30.0) -> None:
         """Wait until it has ended, as it does when every link has."""

@@ -111,18 +111,18 @@ def test_times_at_the_edges(order: tuple[int, ...]) -> None:
     """Boot times at 0, at 2^32 − 1 and between them, one after the other, raise nothing and cost nothing."""
     monitor = Monitor()
     t_rx_us = 1_700_000_000_000_000
-    for number in range(300):
+    for number in range(120):
         t_rx_us += 20_000
         boot_ms = min(order[number // 20 % len(order)] + number % 20 * 20, 2**32 - 1)
-        for message in (
+        messages = (
             mavlink.MAVLink_attitude_message(boot_ms, 0.1, 0.2, 0.3, 0, 0, 0),
             mavlink.MAVLink_attitude_quaternion_message(boot_ms, 1, 0, 0, 0, 0, 0, 0),
             mavlink.MAVLink_raw_imu_message(boot_ms * 1000, 0, 0, -1000, 0, 0, 0, 0, 0, 0),
             mavlink.MAVLink_system_time_message(2**64 - 1, boot_ms),
-        ):
-            monitor.feed(packed(message), t_rx_us)
+        )
+        monitor.feed(b"".join(map(packed, messages)), t_rx_us)
     (entry,) = monitor.close().to_dict()["files"]
-    assert entry["salvage"]["frames"] == 1200
+    assert entry["salvage"]["frames"] == 480
 
 
 def test_nan_everywhere() -> None:
@@ -133,15 +133,15 @@ def test_nan_everywhere() -> None:
     for number in range(500):
         t_rx_us += 20_000
         boot_ms = round(1000 * BOOT_S) + 20 * number
-        for message in (
+        messages = (
             mavlink.MAVLink_heartbeat_message(2, 3, 81, 0, 4, 3),
             mavlink.MAVLink_attitude_message(boot_ms, *(nan,) * 6),
             mavlink.MAVLink_attitude_quaternion_message(boot_ms, *(nan,) * 7, (nan,) * 4),
             mavlink.MAVLink_highres_imu_message(boot_ms * 1000, *(nan,) * 13, 65535),
             mavlink.MAVLink_ahrs2_message(*(nan,) * 4, 0, 0),
             mavlink.MAVLink_local_position_ned_message(boot_ms, *(nan,) * 6),
-        ):
-            monitor.feed(packed(message), t_rx_us)
+        )
+        monitor.feed(b"".join(map(packed, messages)), t_rx_us)
     (vehicle,) = monitor.close().to_dict()["files"][0]["vehicles"]
     assert vehicle["streams"]["ATTITUDE"]["invalid"] == vehicle["streams"]["ATTITUDE_QUATERNION"]["invalid"] == 500
     assert {check["verdict"] for check in vehicle["checks"] if check["name"] != "stream"} <= {"no_compare", "inop"}

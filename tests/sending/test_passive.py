@@ -70,9 +70,9 @@ class Peers:
                 time.sleep(0.001)
             time.sleep(1.5)  # longer than from one heartbeat to the next
             came = b""
-            while readable := select.select([self._udp, tcp, self._master], [], [], 0.1)[0]:
-                for one in readable:
-                    came += os.read(one if isinstance(one, int) else one.fileno(), 65_536)
+            descriptors = [self._udp.fileno(), tcp.fileno(), self._master]
+            while readable := select.select(descriptors, [], [], 0.1)[0]:
+                came += b"".join(os.read(one, 65_536) for one in readable)
             return came
 
 
