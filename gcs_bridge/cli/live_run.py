@@ -129,6 +129,7 @@ class LiveRun:
         from gcs_bridge.links.loop import Errand, listen
 
         options = self._options
+        notifier = Notifier()  # before anything is started that would inherit whom it tells
         _warm_up(self._settings, options.dialect)
         links: list[Link] = []
         for open_link in openers:
@@ -136,7 +137,6 @@ class LiveRun:
             stack.callback(links[-1].close)
         station = self._station(stack, links, asked)
         sinks = Sinks([*self._opened(stack, title, [link.name for link in links]), *station, *more])
-        notifier = Notifier()
         hangup = stack.enter_context(Hangup(sinks.reopen, stop.ask))
         errands: list[Errand] = [*station, notifier, hangup]
         monitor = Monitor(

@@ -212,7 +212,10 @@ class RateRequests:
         wish = vehicle.asked
         if wish is None or wish.state is not _State.DOUBTED or wish.msgid != msgid:
             return
-        if abs(interval_us - self._interval_us) > max(1000, self._interval_us // 10):  # autopilots count in whole ms
+        if not interval_us:  # it does not know
+            vehicle.tells_intervals = False
+            self._undone(vehicle, wish, now_s, sure=False)
+        elif abs(interval_us - self._interval_us) > max(1000, self._interval_us // 10):  # autopilots count in whole ms
             self._undone(vehicle, wish, now_s, sure=True)
         else:
             vehicle.asked = None

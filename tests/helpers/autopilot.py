@@ -23,6 +23,7 @@ class Autopilot:
     results: dict[int, int] = field(default_factory=dict)
     answers: bool = True
     tells_intervals: bool = True
+    knows_none: bool = False  # and says so
     limit_hz: float = 1000.0  # what its link takes
     off_deg: float = 0.0  # of the quaternion's heading: a fault
     received: list[Any] = field(default_factory=list)
@@ -85,7 +86,8 @@ class Autopilot:
         )
         if message.command == _GET_INTERVAL and result == ACCEPTED:
             rate_hz = self.rates_hz[msgid]
-            self.say(mavlink.MAVLink_message_interval_message(msgid, round(1e6 / rate_hz) if rate_hz else -1))
+            interval_us = 0 if self.knows_none else round(1e6 / rate_hz) if rate_hz else -1
+            self.say(mavlink.MAVLink_message_interval_message(msgid, interval_us))
 
     def _message(self, msgid: int, at_s: float) -> Any:
         boot_ms, half_rad = round(10_000 + at_s * 1000), math.radians(self.off_deg) / 2

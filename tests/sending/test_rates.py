@@ -108,15 +108,16 @@ def test_an_answer_that_was_lost() -> None:
     assert len(run.said) == 3
 
 
-@pytest.mark.parametrize("tells_intervals", [True, False])
-def test_another_station_undoes_it(tells_intervals: bool) -> None:
+@pytest.mark.parametrize("to_hz", [4.0, 0.0])
+@pytest.mark.parametrize(("tells_intervals", "knows_none"), [(True, False), (False, False), (True, True)])
+def test_another_station_undoes_it(to_hz: float, tells_intervals: bool, knows_none: bool) -> None:
     """As MAVProxy does with 4 Hz: it is asked again, within seconds, and said; by the vehicle's word where it tells."""
-    run = Run(Autopilot(tells_intervals=tells_intervals)).go_on(30)
-    run.vehicle.rates_hz[ATTITUDE] = 4.0
+    run = Run(Autopilot(tells_intervals=tells_intervals, knows_none=knows_none)).go_on(30)
+    run.vehicle.rates_hz[ATTITUDE] = to_hz
     run.go_on(15)
     assert run.asked() == [ATTITUDE, QUATERNION, RAW_IMU, ATTITUDE]
     assert run.vehicle.rates_hz[ATTITUDE] == 20
-    has = "has" if tells_intervals else "may have"
+    has = "has" if tells_intervals and not knows_none else "may have"
     assert any(f"Hz: another station {has} changed it; asked again" in line for line in run.said)
     asked = len(run.vehicle.received)
     run.go_on(120)
