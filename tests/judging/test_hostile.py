@@ -37,7 +37,7 @@ def test_strangers_are_heard() -> None:
     for number in range(CASES):
         monitor.feed(hostile.datagram(), 1_700_000_000_000_000 + 20_000 * number)
     (entry,) = monitor.close().to_dict()["files"]
-    assert len(entry["vehicles"]) > 5
+    assert len(entry["vehicles"]) > 2
     assert entry["salvage"]["frames"] > CASES
     assert entry["salvage"]["bad_crc"] > 10
 
