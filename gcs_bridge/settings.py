@@ -210,6 +210,13 @@ class VehicleSettings(Struct, frozen=True, kw_only=True):
     attitude_run: _Count = 10
 
 
+class TransmitSettings(Struct, frozen=True, kw_only=True):
+    """As whom this program sends what it was asked to send."""
+
+    system_id: Annotated[int, Meta(ge=1, le=254)] = 254
+    component_id: Annotated[int, Meta(ge=1, le=255)] = 191
+
+
 class Settings(Struct, frozen=True, kw_only=True):
     """Every setting; `Settings()` holds the built-in defaults."""
 
@@ -227,6 +234,7 @@ class Settings(Struct, frozen=True, kw_only=True):
     stream: StreamSettings = StreamSettings()
     check: CheckSettings = CheckSettings()
     vehicle: VehicleSettings = VehicleSettings()
+    transmit: TransmitSettings = TransmitSettings()
 
 
 def load_settings(

@@ -20,16 +20,43 @@ __all__ = ["listen"]
 @click.command()
 @click.argument("uris", nargs=-1, required=True, metavar="URI...")
 @click.option("--baud", type=click.IntRange(min=1), default=115200, metavar="N", help="Of serial devices.  [115200]")
+@click.option(
+    "--relay",
+    "relays",
+    multiple=True,
+    metavar="URI",
+    help="Pass what comes on to a ground station: udpout:HOST:PORT or tcp:HOST:PORT (it waits there), tcpin:HOST:PORT "
+    "or udpin:HOST:PORT (it comes here). Repeatable.",
+)
+@click.option("--relay-both-ways", "both_ways", is_flag=True, help="And what it answers to the vehicle. TRANSMITS.")
+@click.option(
+    "--request-rates", "rates_hz", type=float, metavar="HZ", help="Ask vehicles for what is compared. TRANSMITS."
+)
+@click.option("--statustext", "texts", is_flag=True, help="Say alarms to the operator's ground station. TRANSMITS.")
+@click.option("--act-as-gcs", "as_gcs", is_flag=True, help="Send a ground station's heartbeats. TRANSMITS.")
 @click.option("--duration", "duration_s", type=float, metavar="S", help="End after S seconds.")
 @live_options
-def listen(uris: tuple[str, ...], baud: int, duration_s: float | None, **options: Any) -> int:
-    """Listen on links, judge every vehicle on them, and tell what happens; nothing is ever sent.
+def listen(
+    uris: tuple[str, ...],
+    baud: int,
+    relays: tuple[str, ...],
+    both_ways: bool,
+    rates_hz: float | None,
+    texts: bool,
+    as_gcs: bool,
+    duration_s: float | None,
+    **options: Any,
+) -> int:
+    """Listen on links, judge every vehicle on them, and tell what happens.
+
+    Nothing is ever sent to a vehicle, unless an option is given that says TRANSMITS.
 
     \b
     URIs: udpin:HOST:PORT    wait for datagrams there; udpin:[::]:14550 for IPv6 too
           tcp:HOST:PORT      connect to a server
           tcpin:HOST:PORT    wait for a client
           mcast:             a multicast group, 239.255.145.50:14550 unless another is named
+          udpout:HOST:PORT   speak first; only with an option that TRANSMITS
           /dev/ttyACM0, COM3 a serial device, read at --baud
 
     A link that has gone is waited for, however long that takes, and opened again.
@@ -40,9 +67,16 @@ def listen(uris: tuple[str, ...], baud: int, duration_s: float | None, **options
     that could not be written to its end, 3 a link that cannot be opened at the start.
     """
     from gcs_bridge.links.uri import parse_uri
+    from gcs_bridge.sending.asked import Asked
+    from gcs_bridge.sending.outlets import parse_relay
 
     refuse_not_positive("--duration", duration_s)
-    parsed = [parse_uri(uri, baud=baud) for uri in uris]
+    refuse_not_positive("--request-rates", rates_hz)
+    asked = Asked(
+        relays=tuple(map(parse_relay, relays)), both_ways=both_ways, rates_hz=rates_hz, texts=texts, as_gcs=as_gcs
+    )
+    parsed = [parse_uri(uri, baud=baud, may_send=asked.transmits) for uri in uris]
+    asked.refuse_loops(parsed)
     for twice in {str(uri) for uri in parsed if parsed.count(uri) > 1}:
         raise UsageError(f"{twice} is named twice")
     run = LiveRun(LiveOptions.of(options))
@@ -55,4 +89,5 @@ def listen(uris: tuple[str, ...], baud: int, duration_s: float | None, **options
 
         return opened
 
-    return run.run([opener(uri) for uri in parsed], title=", ".join(map(str, parsed)), duration_s=duration_s)
+    title = ", ".join(map(str, parsed))
+    return run.run([opener(uri) for uri in parsed], title=title, duration_s=duration_s, asked=asked)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:  # loaded when there is something to run
     from gcs_bridge.links.link import Link
     from gcs_bridge.links.loop import Stop
     from gcs_bridge.report import Report
+    from gcs_bridge.sending.asked import Asked
+    from gcs_bridge.sending.station import Station
     from gcs_bridge.settings import Settings
 
 __all__ = ["LiveOptions", "LiveRun", "live_options", "refuse_not_positive"]
@@ -110,17 +112,18 @@ class LiveRun:
         duration_s: float | None,
         beside: Callable[[], AbstractContextManager[Any]] = nullcontext,
         sinks: Iterable[Sink] = (),
+        asked: Asked | None = None,
     ) -> int:
         """Listen on the links that `openers` open until a signal, or `duration_s`, ends it; returns the exit code.
 
-        `beside` is entered for the time of listening; `sinks` come to those that are asked for. A link that cannot be
-        opened is a SourceError.
+        `beside` is entered for the time of listening; `sinks` come to those that are asked for; `asked`: what is to be
+        sent. A link that cannot be opened is a SourceError.
         """
         from gcs_bridge.links.loop import Stop
 
         with Stop() as stop, ExitStack() as stack:
             try:
-                return self._run(stack, stop, openers, title, duration_s, beside, sinks)
+                return self._run(stack, stop, openers, title, duration_s, beside, sinks, asked)
             except KeyboardInterrupt:  # before anything was heard, or by somebody in a hurry
                 return 0
 
@@ -133,17 +136,23 @@ class LiveRun:
         duration_s: float | None,
         beside: Callable[[], AbstractContextManager[Any]],
         more: Iterable[Sink],
+        asked: Asked | None,
     ) -> int:
+        from gcs_bridge.cli.service import Hangup, Notifier
         from gcs_bridge.judging.monitor import Monitor
-        from gcs_bridge.links.loop import listen
+        from gcs_bridge.links.loop import Errand, listen
 
         options = self._options
+        notifier = Notifier()  # before anything is started that would inherit whom it tells
         _warm_up(self._settings, options.dialect)
         links: list[Link] = []
         for open_link in openers:
             links.append(open_link())
             stack.callback(links[-1].close)
-        sinks = Sinks([*self._opened(stack, title, [link.name for link in links]), *more])
+        station = self._station(stack, links, asked)
+        sinks = Sinks([*self._opened(stack, title, [link.name for link in links]), *station, *more])
+        hangup = stack.enter_context(Hangup(sinks.reopen, stop.ask))
+        errands: list[Errand] = [*station, notifier, hangup]
         monitor = Monitor(
             settings=self._settings, dialect=options.dialect, observer=sinks.observer, on_frames=sinks.on_frames
         )
@@ -153,12 +162,35 @@ class LiveRun:
         stack.callback(gc.unfreeze)
         with beside():
             stop.patient = True
-            listen(links, monitor, sinks.events, stop=lambda: stop.asked, duration_s=duration_s, note=_note)
+            notifier.ready()
+            listen(
+                links,
+                monitor,
+                sinks.events,
+                stop=lambda: stop.asked,
+                duration_s=duration_s,
+                note=_note,
+                errands=errands,
+            )
+            notifier.stopping()
         report = _named(monitor.close(), [link.name for link in links])
         self.print_result(report.to_text(detail=0 if options.verbose else -1))
         if not any(entry.bytes for entry in report.files):
-            _note("nothing was received: does anything send here? gcs-bridge listens only, and never asks")
+            asks = "" if asked is not None and asked.transmits else " gcs-bridge listens only, and never asks"
+            _note(f"nothing was received: does anything send here?{asks}")
         return 2 if sinks.failed else 0
+
+    def _station(self, stack: ExitStack, links: Sequence[Link], asked: Asked | None) -> list[Station]:
+        """What sends, where anything was asked for that does; else none, and nothing can."""
+        if asked is None or not asked.anything:
+            return []
+        from gcs_bridge.sending.station import Station
+
+        for warning in asked.warnings():
+            complain(warning, kind="warning")
+        station = Station(asked, self._settings.transmit, links, dialect=self._options.dialect, note=_note)
+        stack.callback(station.close)
+        return [station]
 
     def print_result(self, text: str) -> None:
         """Print a part of the result: on standard output, unless a sink has that for itself."""

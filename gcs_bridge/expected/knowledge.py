@@ -25,6 +25,19 @@ _FRAME_TAILSITTER = 10  # Q_FRAME_CLASS
 _TAILSITTER_PARAMETERS = ("Q_TAILSIT_ENABLE", "Q_FRAME_CLASS", "Q_TAILSIT_MOTMX")
 
 
+# No trim is beyond these: who tells one is not believed. In each parameter's own unit.
+_LARGEST = {
+    **dict.fromkeys(("AHRS_TRIM_X", "AHRS_TRIM_Y"), math.pi / 2),
+    **dict.fromkeys(("PTCH_TRIM_DEG", "Q_TRIM_PITCH"), 90.0),
+    "TRIM_PITCH_CD": 9000.0,
+}
+
+
+def is_possible(what: ParameterSet) -> bool:
+    """Whether a parameter can have this value: a finite one, and no trim of more than 90°."""
+    return math.isfinite(what.value) and abs(what.value) <= _LARGEST.get(what.name, math.inf)
+
+
 class FirmwareConfig:
     """What is known of the vehicle: it predicts, and says what may be fitted."""
 
@@ -47,7 +60,7 @@ class FirmwareConfig:
     def is_new(self, what: ParameterSet | ModeSet) -> bool:
         """Whether it says anything that was not known, and matters: the modes of planes alone do."""
         if isinstance(what, ParameterSet):
-            relevant = what.name in self._RELEVANT and math.isfinite(what.value)
+            relevant = what.name in self._RELEVANT and is_possible(what)
             return relevant and self._parameters.get(what.name) != what.value
         if (self.autopilot, self.type) != (what.autopilot, what.type):
             return True

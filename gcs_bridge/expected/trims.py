@@ -5,13 +5,13 @@ An inertial sensor's axes are the body's before the trim: whoever compares both 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 import numpy as np
 
 from gcs_bridge.columns import Floats, Int64s
 from gcs_bridge.expected.corrected import Corrected
+from gcs_bridge.expected.knowledge import is_possible
 from gcs_bridge.telemetry.statements import ParameterSet, Statement, StepSignal
 
 _NAMES = ("AHRS_TRIM_X", "AHRS_TRIM_Y")
@@ -32,7 +32,7 @@ class TrimsInForce:
     def hear(self, statements: Iterable[Statement]) -> None:
         """Take what the vehicle said of itself."""
         for say in statements:
-            if isinstance(say, ParameterSet) and say.name in _NAMES and math.isfinite(say.value):
+            if isinstance(say, ParameterSet) and say.name in _NAMES and is_possible(say):
                 self._told.append(say)
                 self._names.add(say.name)
                 if len(self._names) == len(_NAMES) and self.open.latest:

@@ -10,6 +10,7 @@ import ctypes
 import errno
 import os
 import socket
+import struct
 import sys
 import time
 from typing import Annotated
@@ -20,7 +21,7 @@ import numpy.typing as npt
 from gcs_bridge.columns import Int64s, Records
 from gcs_bridge.jit import kernel
 
-__all__ = ["AT_ONCE", "DatagramReader"]
+__all__ = ["AT_ONCE", "DatagramReader", "address_of"]
 AT_ONCE = 128
 _SLOT = 65_600  # for the largest datagram; no power of two: all slots would share a few lines of the processor's cache
 # Numbers of Linux's asm-generic/socket.h that Python does not name: when each datagram arrived, and how many did not
@@ -48,6 +49,7 @@ _TIME = np.dtype(
 _DROPS = np.dtype([("len", np.uintp), ("level", np.int32), ("type", np.int32), ("count", np.uint32)], align=True)
 _CONTROL = np.dtype([("time", _TIME), ("drops", _DROPS)], align=True)
 _CONTROL_SIZE = _CONTROL.itemsize
+_NAME_SIZE = 28  # C's struct sockaddr_in6, the larger of the two
 
 
 class DatagramReader:
@@ -71,6 +73,9 @@ class DatagramReader:
         self._messages = np.zeros(AT_ONCE, _MESSAGE)
         self._messages["iov"] = _addresses(self._iovecs)
         self._messages["iovlen"] = 1
+        self._names = np.zeros((AT_ONCE, _NAME_SIZE), np.uint8)
+        self._messages["name"] = _addresses(self._names)
+        self._messages["namelen"] = _NAME_SIZE
         self._messages["control"] = _addresses(self._control)
         self._messages["controllen"] = _CONTROL_SIZE
         self._address = self._messages.ctypes.data
@@ -89,6 +94,10 @@ class DatagramReader:
         )
         self.dropped = max(self.dropped, dropped)
         return count + int(fetched)
+
+    def sender(self, index: int) -> bytes:
+        """Whence datagram `index` of the last `read` came, as the system writes it: for `address_of`."""
+        return bytes(self._names[index])
 
 
 @kernel
@@ -119,8 +128,22 @@ def _gather(
             dropped = int(told.drops.count)
         # The system writes over how much room it has, and writes nothing where it has nothing to tell.
         messages[i].controllen = _CONTROL_SIZE
+        messages[i].namelen = _NAME_SIZE
         told.time.type = told.drops.type = 0
     return dropped
+
+
+def address_of(sender: bytes) -> tuple[str | int, ...]:
+    """An address as Python's sockets take it, of C's struct sockaddr_in or sockaddr_in6.
+
+    >>> address_of(struct.pack("=H", socket.AF_INET) + bytes([0x36, 0xB0, 127, 0, 0, 1]) + bytes(20))
+    ('127.0.0.1', 14000)
+    """
+    (family,), (port,) = struct.unpack_from("=H", sender), struct.unpack_from(">H", sender, 2)
+    if family == socket.AF_INET:
+        return socket.inet_ntop(family, sender[4:8]), port
+    (scope,) = struct.unpack_from("=I", sender, 24)
+    return socket.inet_ntop(socket.AF_INET6, sender[8:24]), port, 0, scope
 
 
 def _addresses(rows: npt.NDArray[np.generic]) -> npt.NDArray[np.uintp]:

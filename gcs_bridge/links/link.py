@@ -1,4 +1,4 @@
-"""Live links: sockets and serial ports that are read and never written to.
+"""Live links: sockets and serial ports that are read, and written to only if somebody calls `send`.
 
 A link is drained: one call takes everything that has arrived. The batch is one message where the link is quiet, and
 grows under load. Datagrams keep their borders; a stream is cut wherever it was cut on the way. A link that has gone is
@@ -13,19 +13,32 @@ import select
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from gcs_bridge.chunks import Chunk, Chunks, Framing
-from gcs_bridge.links.datagrams import AT_ONCE, DatagramReader
+from gcs_bridge.links.datagrams import AT_ONCE, DatagramReader, address_of
 from gcs_bridge.links.reopening import Reopening
+from gcs_bridge.links.senders import Senders
 
 if TYPE_CHECKING:  # loaded when a device is opened
     from serial import Serial
 
-__all__ = ["DatagramLink", "Link", "LinkDownError", "SerialLink", "TcpLink", "TcpServerLink", "keep_alive", "now_us"]
+__all__ = [
+    "DatagramLink",
+    "Link",
+    "LinkDownError",
+    "MulticastLink",
+    "SerialLink",
+    "SpeakingLink",
+    "StreamLink",
+    "TcpLink",
+    "TcpServerLink",
+    "keep_alive",
+    "now_us",
+]
 _LARGEST = 65_536  # a datagram
 # Bounds what one drain takes, so that a flood cannot keep the loop from the clock, and from other links.
 _BATCH_BYTES, _BATCH_CHUNKS = 2**20, 4096
@@ -52,6 +65,7 @@ class Link:
         self.dropped = 0  # datagrams that the system dropped because they were not fetched in time
         self._open_port = open_port
         self._reopening: Reopening | None = None
+        self._may_send = False  # whatever becomes of the port
         self._data = np.empty(_BATCH_BYTES + AT_ONCE * _LARGEST, np.uint8)  # memory is taken where it is written to
         self._ends = np.empty(_BATCH_CHUNKS + AT_ONCE, np.int64)
         self._t_rx_us = np.empty(_BATCH_CHUNKS + AT_ONCE, np.int64)
@@ -95,6 +109,18 @@ class Link:
         count = self._count
         return Chunks(self._data[: self._size], self._ends[:count], self._t_rx_us[:count], self.framing)
 
+    def allow_sending(self) -> None:
+        """The user has asked for something that transmits: from here on `send` may be called."""
+        self._may_send = True
+
+    def send(self, frame: bytes, system: int) -> bool:
+        """Send a whole frame towards a system (0: all of them) without waiting; False where it was not taken.
+
+        Where nobody is there, as on a link that has gone, nothing is sent, now or later: that is True, too.
+        """
+        assert self._may_send, "nobody has allowed it"
+        return not self._is_there or self._send(frame, system)
+
     def close(self) -> None:
         """Give the port back; a second call does nothing."""
         self._port.close()
@@ -121,6 +147,15 @@ class Link:
         return None if self._reopening is None else self._reopening.why()
 
     @property
+    def _is_there(self) -> bool:
+        """Whether there is a port that could be written to."""
+        return self._reopening is None
+
+    def _send(self, frame: bytes, system: int) -> bool:
+        """As `send`; it is allowed, and the port is open."""
+        raise NotImplementedError
+
+    @property
     def _size(self) -> int:
         """Of all chunks that were fetched, in bytes."""
         return int(self._ends[self._count - 1]) if self._count else 0
@@ -141,10 +176,11 @@ class Link:
 
 
 class DatagramLink(Link):
-    """`udpin:`, `mcast:`. On Linux each datagram brings the time at which it arrived, and drops are counted."""
+    """`udpin:`. On Linux each datagram brings the time at which it arrived, and drops are counted."""
 
     framing = Framing.DATAGRAM
     _port: socket.socket
+    _senders: Senders | None = None  # kept where something may be sent to them
 
     def _begin(self, port: socket.socket) -> None:
         """Ask the socket for a large buffer, for times and for drops."""
@@ -158,19 +194,166 @@ class DatagramLink(Link):
         with contextlib.suppress(OSError):
             self._reader = DatagramReader(port)
 
+    def allow_sending(self) -> None:
+        """From here on who sends is remembered, also when the link has gone and returned."""
+        super().allow_sending()
+        self._senders = Senders()
+
     def _fetch(self) -> bool:
+        first = self._count
         if self._reader is None:
-            self._add(self._port.recv_into(self._room()))
+            size, address = self._port.recvfrom_into(self._room())
+            self._add(size)
+            if self._senders is not None:
+                self._heard(first, [address])
             return True
-        before, self._count = self._count, self._reader.read(self._data, self._ends, self._t_rx_us, self._count)
+        self._count = self._reader.read(self._data, self._ends, self._t_rx_us, first)
         self.dropped = self._reader.dropped
-        return self._count == before + AT_ONCE
+        fetched = self._count - first
+        if self._senders is not None:
+            self._heard(first, [self._reader.sender(index) for index in range(fetched)])
+        return fetched == AT_ONCE
+
+    def _heard(self, first: int, addresses: Sequence[Any]) -> None:
+        """Remember whence the datagrams from number `first` on came."""
+        assert self._senders is not None
+        for row, address in enumerate(addresses, first):
+            self._senders.heard(self._data[self._start(row) : self._ends[row]], address, int(self._t_rx_us[row]))
+
+    def _start(self, row: int) -> int:
+        """Where a datagram's bytes begin."""
+        return int(self._ends[row - 1]) if row else 0
+
+    def _send(self, frame: bytes, system: int) -> bool:
+        """To where the system was heard last."""
+        assert self._senders is not None
+        taken = True
+        for address in self._senders.addresses(system, now_us()):
+            try:
+                self._port.sendto(frame, address)
+            except OSError:  # its buffer is full, or the network has gone for now
+                taken = False
+        return taken
 
 
-class TcpLink(Link):
-    """`tcp:`, connected."""
+class SpeakingLink(DatagramLink):
+    """`udpout:`, which hears nobody but the one to whom it sends; it is not made where nothing may be sent."""
+
+    def _send(self, frame: bytes, system: int) -> bool:  # noqa: ARG002
+        """To the other end, whoever is there."""
+        for _ in range(2):
+            try:
+                self._port.send(frame)
+                return True
+            except ConnectionRefusedError:  # of what was sent before, when nobody listened: this was not sent
+                continue
+            except OSError:
+                return False
+        return False
+
+    def _fetch(self) -> bool:
+        try:
+            return super()._fetch()
+        except ConnectionRefusedError:  # nobody listens there yet, or for now
+            return True
+
+
+class MulticastLink(DatagramLink):
+    """`mcast:`. What is sent goes to the group, as vehicles there listen to nothing else, and comes back: left out."""
+
+    _own: socket.socket | None = None  # what sends: the port itself is bound to the group, and that is no sender
+
+    def __init__(self, name: str, open_port: Callable[[], Any]) -> None:
+        """Send nothing yet."""
+        self._own_addresses: set[tuple[Any, ...]] = set()
+        super().__init__(name, open_port)
+
+    def _begin(self, port: socket.socket) -> None:
+        """Where something may be sent, with a socket for it."""
+        super()._begin(port)
+        if self._may_send:
+            self._open_own()
+
+    def allow_sending(self) -> None:
+        """Open the socket that sends."""
+        super().allow_sending()
+        self._open_own()
+
+    def close(self) -> None:
+        """Give both sockets back."""
+        super().close()
+        if self._own is not None:
+            self._own.close()
+            self._own = None
+
+    def _open_own(self) -> None:
+        self._own_addresses.clear()
+        self._own = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._own.setblocking(False)
+        self._own.bind(("", 0))
+
+    def _send(self, frame: bytes, system: int) -> bool:
+        """To the group, at each network interface behind which the system was heard last."""
+        assert self._senders is not None
+        assert self._own is not None
+        _, group, port = self.name.split(":")
+        try:
+            for local in {_local_address(address) for address in self._senders.addresses(system, now_us())}:
+                self._own_addresses.add((local, self._own.getsockname()[1]))
+                self._own.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(local))
+                self._own.sendto(frame, (group, int(port)))
+        except OSError:  # its buffer is full, or the network has gone for now
+            return False
+        return True
+
+    def _heard(self, first: int, addresses: Sequence[Any]) -> None:
+        """Without what was sent from here."""
+        others = []
+        for row, address in reversed([*enumerate(addresses, first)]):
+            if (address_of(address) if isinstance(address, bytes) else address) in self._own_addresses:
+                self._leave_out(row)
+            else:
+                others.append(address)
+        super()._heard(first, others[::-1])
+
+    def _leave_out(self, row: int) -> None:
+        """Forget a datagram that was fetched."""
+        start, end, size = self._start(row), int(self._ends[row]), self._size
+        self._data[start : size - (end - start)] = self._data[end:size].copy()
+        last = self._count - 1
+        self._ends[row:last] = self._ends[row + 1 : self._count] - (end - start)
+        self._t_rx_us[row:last] = self._t_rx_us[row + 1 : self._count].copy()
+        self._count = last
+
+
+class StreamLink(Link):
+    """A link without borders."""
 
     framing = Framing.STREAM
+
+    def _begin(self, port: Any) -> None:
+        """Nothing waits to be sent: what is left of a frame is nothing for who is there now."""
+        super()._begin(port)
+        self._unsent = b""  # the rest of a frame that was taken in part
+
+    def _send(self, frame: bytes, system: int) -> bool:  # noqa: ARG002
+        """To whoever is at the other end; not where it takes nothing now: a late command is worse than none."""
+        try:
+            while self._unsent:
+                self._unsent = self._unsent[self._write(self._unsent) :]
+            self._unsent = frame[self._write(frame) :]
+        except OSError:  # it takes nothing now, or has ended: then `drain` will tell
+            return False
+        return True
+
+    def _write(self, data: bytes) -> int:
+        """Hand over what is taken without waiting, in bytes. BlockingIOError: nothing is."""
+        raise NotImplementedError
+
+
+class TcpLink(StreamLink):
+    """`tcp:`, connected."""
+
     _port: socket.socket
 
     def _fetch(self) -> bool:
@@ -182,6 +365,9 @@ class TcpLink(Link):
             raise ConnectionError("the other side has closed the connection")
         self._add(size)
         return False  # what has come meanwhile is the next batch's
+
+    def _write(self, data: bytes) -> int:
+        return self._port.send(data)
 
 
 class TcpServerLink(TcpLink):
@@ -210,6 +396,7 @@ class TcpServerLink(TcpLink):
         if self._client is not None:
             self._client.close()
             self._client = None
+            self._unsent = b""  # of a frame that began for who has gone
 
     def _accept(self) -> bool:
         """Take a client who has come; whether one had."""
@@ -228,11 +415,18 @@ class TcpServerLink(TcpLink):
         assert self._client is not None
         return self._receive(self._client)
 
+    @property
+    def _is_there(self) -> bool:
+        return self._client is not None
 
-class SerialLink(Link):
+    def _write(self, data: bytes) -> int:
+        assert self._client is not None
+        return self._client.send(data)
+
+
+class SerialLink(StreamLink):
     """A serial device."""
 
-    framing = Framing.STREAM
     _port: Serial
 
     @property
@@ -261,6 +455,12 @@ class SerialLink(Link):
             self._add(size)
         return size > 0
 
+    def _write(self, data: bytes) -> int:
+        descriptor = self.fileno()
+        if descriptor is None:
+            return int(self._port.write(data) or 0)
+        return os.write(descriptor, data)
+
 
 def keep_alive(connection: socket.socket) -> None:
     """Have the system ask whether the other side is there: a cable that was pulled ends no connection by itself.
@@ -272,6 +472,14 @@ def keep_alive(connection: socket.socket) -> None:
         for name in names:
             if hasattr(socket, name):
                 connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), seconds)
+
+
+def _local_address(towards: tuple[Any, ...]) -> str:
+    """This machine's own address on the way to another one. OSError where there is no way."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.connect(towards)  # sends nothing
+        address: str = probe.getsockname()[0]
+        return address
 
 
 def now_us() -> int:

@@ -11,7 +11,7 @@ import signal
 import time
 from collections.abc import Callable, Sequence
 from types import FrameType, TracebackType
-from typing import Any
+from typing import Any, Protocol
 
 from gcs_bridge.chunks import Framing
 from gcs_bridge.contract import readable
@@ -20,7 +20,7 @@ from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.links.link import Link, LinkDownError, now_us
 from gcs_bridge.links.reopening import FIRST_DELAY_S, longer
 
-__all__ = ["Stop", "listen"]
+__all__ = ["Errand", "Stop", "listen"]
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
 # So long what comes first waits for what comes with it: a vehicle sends its messages in bursts, and judging one costs
 # nearly the same whether it holds one message or ten. Where it costs much, as of many vehicles, it waits twice as long
@@ -28,6 +28,16 @@ _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and 
 _GATHER_S, _LONGEST_S = 0.003, 0.01
 _AT_ONCE_S = 0.0001  # what was there already is told within this time
 _POLL_S = 0.01  # so often a link is asked that cannot be waited for
+
+
+class Errand(Protocol):
+    """What else is done in the loop's thread, between two batches: it waits for nobody."""
+
+    def descriptors(self) -> Sequence[int]:
+        """What to wait on beside the links: readable where there is something to do."""
+
+    def run(self) -> None:
+        """Do it; called each time the loop comes round, some times a second at least."""
 
 
 class Stop:
@@ -42,6 +52,10 @@ class Stop:
         self.asked = False
         self.patient = False
         self._before: list[tuple[int, Any]] = []
+
+    def ask(self) -> None:
+        """Wish it."""
+        self.asked = True
 
     def __enter__(self) -> Stop:
         self._before = [(number, signal.signal(number, self._on_signal)) for number in (signal.SIGINT, signal.SIGTERM)]
@@ -72,6 +86,7 @@ def listen(
     stop: Callable[[], bool] = lambda: False,
     duration_s: float | None = None,
     note: Callable[[str], None] = lambda _: None,
+    errands: Sequence[Errand] = (),
 ) -> None:
     """Feed `monitor` from the links and `tell` each batch's events, until `stop` says so or `duration_s` is over.
 
@@ -87,7 +102,8 @@ def listen(
         taken_s = ticked_s = time.monotonic()
         judged_s = 0.0
         while not stop() and (asked_s := time.monotonic()) < ends_s:
-            _wait(links, min(_TICK_S, ends_s - asked_s))
+            beside = [descriptor for errand in errands for descriptor in errand.descriptors()]
+            _wait(links, min(_TICK_S, ends_s - asked_s), beside)
             came_s = time.monotonic()
             if came_s - asked_s < _AT_ONCE_S:
                 came_s = taken_s  # it came while the last batch was judged, and has waited since
@@ -96,6 +112,8 @@ def listen(
             taken_s = time.monotonic()
             heard = [one for one in listened if one.take()]
             judged_s = time.monotonic() - taken_s
+            for errand in errands:
+                errand.run()
             if taken_s - ticked_s >= _TICK_S:
                 ticked_s = taken_s
                 for one in listened:
@@ -107,10 +125,11 @@ def listen(
             link.close()
 
 
-def _wait(links: Sequence[Link], seconds: float) -> None:
+def _wait(links: Sequence[Link], seconds: float, beside: Sequence[int]) -> None:
     """Until something has come on any of them; not long where there is one that cannot be waited for."""
-    descriptors = [descriptor for link in links if (descriptor := link.fileno()) is not None]
-    if len(descriptors) < len(links):
+    of_links = [descriptor for link in links if (descriptor := link.fileno()) is not None]
+    descriptors = [*of_links, *beside]
+    if len(of_links) < len(links):
         seconds = min(seconds, _POLL_S)
     if descriptors:
         select.select(descriptors, [], [], seconds)

@@ -7,12 +7,21 @@ import os
 import socket
 import struct
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gcs_bridge.errors import SourceError
-from gcs_bridge.links.link import DatagramLink, Link, SerialLink, TcpLink, TcpServerLink, keep_alive
+from gcs_bridge.links.link import (
+    DatagramLink,
+    Link,
+    MulticastLink,
+    SerialLink,
+    SpeakingLink,
+    TcpLink,
+    TcpServerLink,
+    keep_alive,
+)
 from gcs_bridge.links.port_owner import device_owner, is_running, port_owner
 from gcs_bridge.links.uri import NetworkUri, SerialUri, Uri
 
@@ -58,6 +67,20 @@ def _open_mcast(uri: Uri) -> socket.socket:
     return port
 
 
+def _open_udpout(uri: Uri) -> socket.socket:
+    """Whoever is there learns of us by what we send. Parsed only where that is allowed."""
+    assert isinstance(uri, NetworkUri)
+    family, *_, address = _preferred(socket.getaddrinfo(uri.host, uri.port, type=socket.SOCK_DGRAM))
+    port = socket.socket(family, socket.SOCK_DGRAM)
+    port.setblocking(False)
+    try:
+        port.connect(address)  # so that nobody else is heard
+    except OSError:
+        port.close()
+        raise
+    return port
+
+
 def _open_tcp(uri: Uri) -> socket.socket:
     assert isinstance(uri, NetworkUri)
     port = socket.create_connection((uri.host, uri.port), timeout=_PATIENCE_S)
@@ -83,24 +106,32 @@ def _open_serial(uri: Uri) -> Serial:
 
     if Path(os.path.realpath(uri.device)).name.startswith(_SERIAL_NAMES) and device_owner(uri.device):
         raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))  # two readers would have half of the bytes each
-    return Serial(uri.device, uri.baud, timeout=0, exclusive=True)
+    return Serial(uri.device, uri.baud, timeout=0, write_timeout=0, exclusive=True)
 
 
 # The kinds of link, and what opens the port of each; what they are called is in `links.uri`.
 OPENERS: dict[str, tuple[type[Link], Callable[[Uri], Any]]] = {
     "udpin": (DatagramLink, _open_udpin),
-    "mcast": (DatagramLink, _open_mcast),
+    "udpout": (SpeakingLink, _open_udpout),
+    "mcast": (MulticastLink, _open_mcast),
     "tcp": (TcpLink, _open_tcp),
     "tcpin": (TcpServerLink, _open_tcpin),
     "serial": (SerialLink, _open_serial),
 }
 
 
+_Found = tuple[socket.AddressFamily, socket.SocketKind, int, str, Any]  # what getaddrinfo gives
+
+
+def _preferred(found: Sequence[_Found]) -> _Found:
+    """A name that stands for both is taken for what it was before there was IPv6: vehicles send to that."""
+    return min(found, key=lambda one: one[0] != socket.AF_INET)
+
+
 def _bound(uri: NetworkUri, kind: socket.SocketKind) -> socket.socket:
     """A socket at the URI's address that nobody else can bind, too."""
     found = socket.getaddrinfo(uri.host, uri.port, type=kind, flags=socket.AI_PASSIVE)
-    # A name that stands for both is taken for what it was before there was IPv6: vehicles send to that.
-    family, *_, address = min(found, key=lambda one: one[0] != socket.AF_INET)
+    family, *_, address = _preferred(found)
     port = socket.socket(family, kind)
     try:
         if family == socket.AF_INET6:

@@ -6,13 +6,14 @@ import difflib
 import ipaddress
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 from gcs_bridge.errors import UsageError
 
-__all__ = ["SCHEMES", "NetworkUri", "SerialUri", "Uri", "parse_uri"]
+__all__ = ["SCHEMES", "SPEAK_FIRST", "NetworkUri", "SerialUri", "Uri", "network_uri", "parse_uri"]
 
 
 @dataclass(frozen=True)
@@ -43,11 +44,13 @@ class SerialUri:
 Uri = NetworkUri | SerialUri
 # What a URI may begin with, and its form behind that; `links.open.OPENERS` opens it.
 SCHEMES = {"udpin": "HOST:PORT", "tcp": "HOST:PORT", "tcpin": "HOST:PORT", "mcast": "[GROUP:PORT]"}
+SPEAK_FIRST = ("udpout",)
+"""What hears nothing before it has sent."""
 _GROUP, _GROUP_PORT = "239.255.145.50", 14550  # pymavlink's, and so what ArduPilot's simulator sends to
 _REFUSED = {
     "udpout": (
         "udpout: cannot receive before it has sent, and sending is not enabled: "
-        "let the vehicle send here, and listen to it with udpin:0.0.0.0:PORT"
+        "let the vehicle send here, and listen to it with udpin:0.0.0.0:PORT, or give a flag that transmits"
     ),
     "udpbcast": "udpbcast: cannot receive before it has sent, and sending is not enabled",
 }
@@ -55,8 +58,18 @@ _KNOWN = (*SCHEMES, *_REFUSED)
 _NEAREST = {"udp": "udpin", "udpi": "udpin", "upd": "udpin", "serial": "/dev/ttyACM0"}
 
 
-def parse_uri(text: str, *, baud: int = 115200) -> Uri:
+def network_uri(text: str, kinds: Sequence[str], *, what: str) -> NetworkUri:
+    """The host and port that `text` names, of one of some kinds; UsageError where it is not `what` it should be."""
+    kind, colon, rest = text.partition(":")
+    if not colon or kind not in kinds:
+        raise UsageError(f"{text!r} is not {what}: that is written {', '.join(f'{one}:HOST:PORT' for one in kinds)}")
+    return NetworkUri(kind, *_address(text, rest))
+
+
+def parse_uri(text: str, *, baud: int = 115200, may_send: bool = False) -> Uri:
     """The link that `text` names; a serial device without a speed of its own (`/dev/ttyACM0,57600`) gets `baud`.
+
+    `may_send`: something was asked for that transmits, so that a link may be opened that must speak first.
 
     Raises UsageError for a scheme that is unknown, not supported yet or would have to send, and for a malformed one.
 
@@ -73,6 +86,8 @@ def parse_uri(text: str, *, baud: int = 115200) -> Uri:
     if not colon:
         hint = f": it is a recording, judge it with 'gcs-bridge check {text}'" if os.path.isfile(text) else _forms()
         raise UsageError(f"{text!r} is no link{hint}")
+    if scheme in SPEAK_FIRST and may_send:
+        return NetworkUri(scheme, *_address(text, rest))
     if scheme in _REFUSED:
         raise UsageError(_REFUSED[scheme])
     if scheme == "mcast":

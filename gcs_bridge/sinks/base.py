@@ -36,6 +36,9 @@ class Sink:
     def events(self, events: Sequence[Event]) -> None:
         """Take the events of one batch, in order; none if it brought none."""
 
+    def reopen(self) -> None:
+        """Somebody has moved its file away, as log rotation does: go on in a new one of the same name."""
+
     def close(self) -> None:
         """Nothing follows: give back what it holds. A second call does nothing."""
 
@@ -68,6 +71,11 @@ class Sinks:
         """Give each the events of one batch."""
         for sink in self._sinks:
             sink.events(events)
+
+    def reopen(self) -> None:
+        """Let each open its file anew."""
+        for sink in self._sinks:
+            sink.reopen()
 
     def _give_observation(self, observation: Observation) -> None:
         for observe in self._observe:

@@ -34,7 +34,7 @@ class LiveFile:
         """Open the file; what is in it already stays."""
         refuse_unwritable(path, sources=[])
         try:
-            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
+            self._descriptor = _opened(path)
         except OSError as error:
             raise UsageError(f"cannot write {path}: {error.strerror}") from None
         self.path = path
@@ -69,6 +69,21 @@ class LiveFile:
             os.close(self._descriptor)
             self._descriptor = -1
 
+    def reopen(self) -> bool:
+        """Go on in the file that has its name now, or in a new one; in the old one where that cannot be: False."""
+        if self._descriptor < 0:
+            return False
+        try:
+            descriptor = _opened(self.path)
+        except OSError as error:
+            self._complain(f"cannot open {self.path} anew: {error.strerror}; going on as before")
+            return False
+        os.close(self._descriptor)
+        self._descriptor = descriptor
+        if self._is_stuck:  # there may be room in this one
+            self._is_stuck, self._well_s = False, time.monotonic()
+        return True
+
     def append(self, data: bytes) -> bool:
         """Hand the bytes to the system, all or none of them: from here on they outlive this process. Whether it did."""
         now_s = time.monotonic()
@@ -101,6 +116,10 @@ class LiveFile:
                 os.ftruncate(self._descriptor, self.size - size)
 
 
+def _opened(path: Path) -> int:
+    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
+
+
 class FileSink(Sink):
     """A sink that appends to one file."""
 
@@ -121,6 +140,10 @@ class FileSink(Sink):
     def failed(self) -> bool:
         """Whether the file could not be written to at some time."""
         return self._file.failed
+
+    def reopen(self) -> None:
+        """Go on in the file that has its name now."""
+        self._file.reopen()
 
     def close(self) -> None:
         """Close the file."""

@@ -70,6 +70,11 @@ class TlogRecorder(Sink):
         if records:
             self._recordings[link if isinstance(link, int) else 0].append(records)
 
+    def reopen(self) -> None:
+        """Go on in the files that have their names now."""
+        for recording in self._recordings:
+            recording.reopen()
+
     def close(self) -> None:
         """Close the files."""
         for recording in self._recordings:
@@ -123,6 +128,16 @@ class _Recording:
                 self._began_us = t_rx_us
             size += len(record)
         self._file.append(b"".join(records[begin:]))
+
+    def reopen(self) -> None:
+        """Go on in the file that has the name of the one that is written, or in a new one."""
+        try:
+            cut_torn_record(self._file.path)
+        except UsageError as error:
+            self._context.complain(f"{error}; going on as before")
+            return
+        if self._file.reopen():
+            self._began_us = first_time_us(self._file.path)
 
     def close(self) -> None:
         self._file.close()

@@ -241,6 +241,21 @@ def test_a_link_that_has_gone_ends_nothing(tmp_path: Path) -> None:
     [
         (["listen"], 2, "Missing argument"),
         (["listen", "udpout:127.0.0.1:14550"], 2, "cannot receive before it has sent"),
+        (
+            ["listen", "udpout:127.0.0.1:14550", "--relay=udpout:127.0.0.1:14551"],
+            2,
+            "cannot receive before it has sent",
+        ),
+        (
+            ["listen", "udpin:0.0.0.0:14550", "--relay=udp:127.0.0.1:14551"],
+            2,
+            "is not a relay: that is written udpout:",
+        ),
+        (["listen", "udpin:0.0.0.0:14550", "--relay=udpout:127.0.0.1:14550"], 2, "name another port"),
+        (["listen", "udpin:0.0.0.0:14550", "--relay-both-ways"], 2, "there is no --relay"),
+        (["listen", "udpin:0.0.0.0:14550", "--request-rates=0"], 2, "--request-rates 0: must be above 0"),
+        (["listen", "udpin:0.0.0.0:14550", "--request-rates=x"], 2, "--request-rates"),
+        (["demo", "--act-as-gcs"], 2, "--act-as-gcs"),
         (["listen", "udpni:0.0.0.0:14550"], 2, "did you mean 'udpin:0.0.0.0:14550'"),
         (["listen", str(FIXTURES / "f_reboot.tlog")], 2, "gcs-bridge check"),
         (["listen", "udpin:0.0.0.0:14550", "udpin:0.0.0.0:14550"], 2, "is named twice"),

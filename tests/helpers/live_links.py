@@ -27,6 +27,9 @@ from gcs_bridge.mavlink.scanner import RawFrame, Scanner
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from gcs_bridge.report.schema import File
+from gcs_bridge.sending.asked import Asked
+from gcs_bridge.sending.station import Station
+from gcs_bridge.settings import TransmitSettings
 from gcs_bridge.sinks.base import SinkContext
 from gcs_bridge.sinks.event_lines import event_json, link_name
 from gcs_bridge.sinks.tlog import TlogRecorder
@@ -150,20 +153,38 @@ def tcp_sender(
 
 
 class Live:
-    """`listen` in a thread of this process; what it told is in `events`, as its JSON lines say it."""
+    """`listen` in a thread of this process; what it told is in `events`, as its JSON lines say it.
 
-    def __init__(self, *links: Link, **monitor_options: Any) -> None:
+    With what was `asked` for to be sent, it is sent, and `notes` are the lines for people.
+    """
+
+    def __init__(self, *links: Link, asked: Asked | None = None, **monitor_options: Any) -> None:
         self.events: list[Event] = []
         self.notes: list[str] = []
+        self._stations = [
+            Station(one, TransmitSettings(), links, dialect="all", note=self.notes.append)
+            for one in filter(None, [asked])
+        ]
+        for station in self._stations:
+            monitor_options["on_frames"] = station.frames
         self.monitor = Monitor(**monitor_options)
         self._links = links
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def _run(self) -> None:
-        listen(self._links, self.monitor, self._tell, stop=self._stop.is_set, note=self.notes.append)
+        listen(
+            self._links,
+            self.monitor,
+            self._tell,
+            stop=self._stop.is_set,
+            note=self.notes.append,
+            errands=self._stations,
+        )
 
     def _tell(self, told: Sequence[events.Event]) -> None:
+        for station in self._stations:
+            station.events(told)
         names = [link.name for link in self._links]
         self.events += [json.loads(event_json(event, link_name(event, names))) for event in told]
 
@@ -180,6 +201,8 @@ class Live:
     def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._thread.join(30.0)
+        for station in self._stations:
+            station.close()
         assert not self._thread.is_alive()
 
     def wait_for_the_end(self, seconds: float = 30.0) -> None:

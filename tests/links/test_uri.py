@@ -6,7 +6,7 @@ import pytest
 
 from gcs_bridge.errors import UsageError
 from gcs_bridge.links.open import OPENERS
-from gcs_bridge.links.uri import SCHEMES, NetworkUri, SerialUri, Uri, parse_uri
+from gcs_bridge.links.uri import SCHEMES, SPEAK_FIRST, NetworkUri, SerialUri, Uri, parse_uri
 
 
 @pytest.mark.parametrize(
@@ -86,4 +86,13 @@ def test_a_recording_is_no_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_each_kind_of_link_can_be_opened() -> None:
     """What a URI may begin with has its opener, and nothing else has."""
-    assert set(OPENERS) == {*SCHEMES, SerialUri.kind}
+    assert set(OPENERS) == {*SCHEMES, *SPEAK_FIRST, SerialUri.kind}
+
+
+def test_what_must_speak_first_may_where_sending_is_allowed() -> None:
+    """And nowhere else."""
+    assert parse_uri("udpout:192.0.2.7:14550", may_send=True) == NetworkUri("udpout", "192.0.2.7", 14550)
+    with pytest.raises(UsageError, match="cannot receive before it has sent"):
+        parse_uri("udpout:192.0.2.7:14550")
+    with pytest.raises(UsageError, match="from 1 to 65535"):
+        parse_uri("udpout:192.0.2.7:0", may_send=True)

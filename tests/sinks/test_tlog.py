@@ -274,6 +274,45 @@ def test_limits_that_mean_nothing(asked: dict[str, str], limits: dict[str, dict[
         plan_sinks(asked, limits)
 
 
+def test_files_that_were_moved_away(tmp_path: Path) -> None:
+    """As log rotation does: each link goes on in a new file of the same name, whose limits count from its own start."""
+    frames = fixture("e_two_vehicles", to_s=3)
+    half = len(frames) // 2
+    live = recorder(tmp_path / "f.tlog", links=("tcp:a:1", "tcp:b:2"), max_minutes=2.5 / 60)
+    paths = [tmp_path / "f_tcp-a-1.tlog", tmp_path / "f_tcp-b-2.tlog"]
+    for link in (0, 1):
+        live.frames(link, frames[:half])
+    for path in paths:
+        path.rename(path.with_suffix(".1"))
+    live.reopen()
+    for link in (0, 1):
+        live.frames(link, frames[half:])
+    live.close()
+    for path in paths:
+        assert path.with_suffix(".1").read_bytes() == tlog_of(frames[:half])
+        assert path.read_bytes() == tlog_of(frames[half:])
+    assert len([*tmp_path.iterdir()]) == 4
+
+
+def test_another_file_under_the_name_is_left_alone(tmp_path: Path) -> None:
+    """What is no recording is not appended to, then either: the old file is gone on with."""
+    frames = fixture("e_two_vehicles", to_s=1)
+    said: list[str] = []
+    path = tmp_path / "f.tlog"
+    context = SinkContext(title="x", links=("a",), note=said.append, complain=said.append, stack=ExitStack())
+    live = TlogRecorder.plan(str(path)).open(context)
+    live.frames(0, frames[:9])
+    path.rename(tmp_path / "moved")
+    path.write_bytes(b"a letter")
+    live.reopen()
+    live.frames(0, frames[9:])
+    live.close()
+    assert path.read_bytes() == b"a letter"
+    assert (tmp_path / "moved").read_bytes() == tlog_of(frames)
+    assert len(said) == 1
+    assert said[0].endswith("; going on as before")
+
+
 def test_a_file_a_link(tmp_path: Path) -> None:
     """Named after the link; what came on one is in none of the others."""
     links = ["udpin:0.0.0.0:14550", "/dev/ttyACM0", "/dev/tty:ACM0", "tcp:[::1]:5760"]
