@@ -12,17 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gcs_bridge.errors import SourceError
-from gcs_bridge.links.link import (
-    DatagramLink,
-    Link,
-    MulticastLink,
-    SerialLink,
-    SpeakingLink,
-    TcpLink,
-    TcpServerLink,
-    keep_alive,
-)
+from gcs_bridge.links.link import DatagramLink, Link, MulticastLink, SpeakingLink
 from gcs_bridge.links.port_owner import device_owner, is_running, port_owner
+from gcs_bridge.links.stream_links import SerialLink, TcpLink, TcpServerLink, keep_alive
 from gcs_bridge.links.uri import NetworkUri, SerialUri, Uri
 
 if TYPE_CHECKING:  # loaded when a device is opened

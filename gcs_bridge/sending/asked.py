@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from gcs_bridge.errors import UsageError
 from gcs_bridge.links.uri import NetworkUri, Uri
-from gcs_bridge.sending.outlets import refuse_loop
+from gcs_bridge.sending.loops import refuse_loop
 
 __all__ = ["Asked"]
 

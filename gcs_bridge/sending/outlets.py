@@ -14,10 +14,10 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from gcs_bridge.errors import SourceError, UsageError
+from gcs_bridge.errors import SourceError
 from gcs_bridge.links.uri import NetworkUri, network_uri
 
-__all__ = ["RELAYS", "Heard", "Outlet", "open_outlet", "parse_relay", "refuse_loop"]
+__all__ = ["RELAYS", "Heard", "Outlet", "open_outlet", "parse_relay", "resolved"]
 _QUEUE_BYTES = 256 * 1024  # a station: some seconds at the highest rates; more would be too old to look at
 _SEND_BUFFER = 256 * 1024  # of the system's own, which would grow to megabytes of old frames
 _STATIONS = 16  # at most that one outlet serves at once
@@ -91,7 +91,7 @@ class UdpOutlet(_UdpOutlet):
     def __init__(self, uri: NetworkUri, note: Callable[[str], None]) -> None:
         """Find the host. Connected, so that nobody else can answer."""
         super().__init__(uri, note)
-        family, address = _resolved(uri, socket.SOCK_DGRAM)
+        family, address = resolved(uri, socket.SOCK_DGRAM)
         with _closed_on_error(socket.socket(family, socket.SOCK_DGRAM)) as self._socket:
             self._socket.setblocking(False)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
@@ -117,7 +117,7 @@ class UdpServerOutlet(_UdpOutlet):
     def __init__(self, uri: NetworkUri, note: Callable[[str], None]) -> None:
         """Wait on the port, which nobody else may share."""
         super().__init__(uri, note)
-        family, address = _resolved(uri, socket.SOCK_DGRAM)
+        family, address = resolved(uri, socket.SOCK_DGRAM)
         with _closed_on_error(socket.socket(family, socket.SOCK_DGRAM)) as self._socket:
             self._socket.setblocking(False)
             self._socket.bind(address)
@@ -211,7 +211,7 @@ class TcpServerOutlet(Outlet):
     def __init__(self, uri: NetworkUri, note: Callable[[str], None]) -> None:
         """Wait on the port."""
         super().__init__(uri, note)
-        family, address = _resolved(uri, socket.SOCK_STREAM)
+        family, address = resolved(uri, socket.SOCK_STREAM)
         with _closed_on_error(socket.socket(family, socket.SOCK_STREAM)) as self._socket:
             if os.name == "posix":  # where it means that the port may be bound again at once, and nothing else
                 self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -269,7 +269,7 @@ class TcpOutlet(Outlet):
     def __init__(self, uri: NetworkUri, note: Callable[[str], None]) -> None:
         """Find the host; the connection is made by `run`."""
         super().__init__(uri, note)
-        self._family, self._address = _resolved(uri, socket.SOCK_STREAM)
+        self._family, self._address = resolved(uri, socket.SOCK_STREAM)
         self._stream: _Stream | None = None
         self._connected = False
         self._due_s = -1.0
@@ -363,21 +363,6 @@ def open_outlet(uri: NetworkUri, note: Callable[[str], None]) -> Outlet:
         raise SourceError(f"relay {uri}: {_said(error)}{hint}") from None
 
 
-def refuse_loop(relay: NetworkUri, links: Sequence[object]) -> None:
-    """UsageError for a relay that would come back by a link that is listened to: it would be told for ever."""
-    for link in links:
-        if (
-            isinstance(link, NetworkUri)
-            and (relay.kind, link.kind) in _MEET
-            and relay.port == link.port
-            and (relay.host == link.host if link.kind == "mcast" else _is_here(relay.host))
-        ):
-            raise UsageError(f"relay {relay} goes to {link}, which is listened to: name another port")
-
-
-_MEET = {("udpout", "udpin"), ("udpout", "mcast"), ("tcp", "tcpin")}
-
-
 @contextlib.contextmanager
 def _closed_on_error(opened: socket.socket) -> Iterator[socket.socket]:
     try:
@@ -387,17 +372,8 @@ def _closed_on_error(opened: socket.socket) -> Iterator[socket.socket]:
         raise
 
 
-def _is_here(host: str) -> bool:
-    """Whether it is an address of this machine: only those can be bound."""
-    with contextlib.suppress(OSError):
-        family, address = _resolved(NetworkUri("udpin", host, 0), socket.SOCK_DGRAM)
-        with socket.socket(family, socket.SOCK_DGRAM) as probe:
-            probe.bind(address)
-            return True
-    return False
-
-
-def _resolved(uri: NetworkUri, kind: int) -> tuple[socket.AddressFamily, tuple[object, ...]]:
+def resolved(uri: NetworkUri, kind: int) -> tuple[socket.AddressFamily, tuple[object, ...]]:
+    """Family and address of a URI, for sockets of this kind."""
     family, _, _, _, address = socket.getaddrinfo(uri.host, uri.port, type=kind)[0]
     return family, address
 

@@ -19,9 +19,9 @@ import pytest
 from gcs_bridge import Monitor
 from gcs_bridge.errors import SourceError
 from gcs_bridge.links import loop, reopening
-from gcs_bridge.links.link import TcpLink
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.reopening import Reopening
+from gcs_bridge.links.stream_links import TcpLink
 from gcs_bridge.links.uri import NetworkUri, parse_uri
 from gcs_bridge.mavlink.scanner import RawFrame
 from tests.helpers.live_links import Event, Live, fixture, frames_of, free_port, paced, recorder, wait_until

@@ -8,7 +8,8 @@ import pytest
 
 from gcs_bridge.errors import SourceError, UsageError
 from gcs_bridge.links.uri import NetworkUri
-from gcs_bridge.sending.outlets import Heard, Outlet, open_outlet, parse_relay, refuse_loop
+from gcs_bridge.sending.loops import refuse_loop
+from gcs_bridge.sending.outlets import Heard, Outlet, open_outlet, parse_relay
 from tests.helpers.live_links import fixture, free_port, wait_until
 
 FRAMES = [frame.data for frame in fixture("e_two_vehicles", to_s=4)]
