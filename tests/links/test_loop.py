@@ -41,7 +41,7 @@ from tests.helpers.processor import queued_s
 FLIGHTS: dict[str, tuple[Callable[[], Sequence[RawFrame]], int]] = {
     "a plane's pitch trim, and a fault": (partial(fixture, "d_plane_pitchtrim3", to_s=10, fault="yaw_offset:5"), 1),
     "a copter with a fault": (partial(fixture, "a_copter_square", from_s=75, to_s=84, fault="yaw_offset:25"), 1),
-    "two vehicles": (partial(fixture, "e_two_vehicles", to_s=6, fault="yaw_offset:25"), 2),
+    "two vehicles": (partial(fixture, "e_two_vehicles", to_s=9, fault="yaw_offset:25"), 2),
     "a reboot": (partial(fixture, "f_reboot", from_s=10, to_s=16), 0),
     "MAVLink 1": (partial(fixture, "g_mavlink1", to_s=6, fault="mount_offset:0,4,0"), 1),
     "signed": (partial(fixture, "g_signed", to_s=4), 0),
@@ -178,7 +178,7 @@ def test_every_frame_is_recorded_byte_for_byte(recording: Recording) -> None:
 @pytest.mark.parametrize(
     ("flight", "shows"),
     [
-        (partial(fixture, "e_two_vehicles", to_s=4, fault="yaw_offset:25"), "alarm_raised"),
+        (partial(fixture, "e_two_vehicles", to_s=9, fault="yaw_offset:25"), "alarm_raised"),
         (partial(fixture, "f_reboot", from_s=11, to_s=15), "reboot"),
     ],
     ids=["two vehicles", "a reboot"],
