@@ -6,10 +6,12 @@ Everything that is left to chance comes from a fixed seed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.trust_context import companion, suspended, transfer, twice
 from gcs_bridge import attitude
 from gcs_bridge.diagnosis.mistake import Cause, Parameter
 from gcs_bridge.mavlink.dialect import load_dialect
@@ -28,6 +30,10 @@ TROUBLES = {
     "bursts": "what came within 0.5 s comes at its end, at once",
     "reordered": "a tenth changes places with the next one",
     "doubled": "a tenth comes twice",
+    "suspended": "the receiver sleeps for 10 s, and then takes what has waited",
+    "transfer": "for 8 s parameters come in place of the messages that are judged",
+    "twice": "each frame comes again 3 ms later",
+    "companions": "an onboard computer and a camera send heartbeats beside",
     "staggered": "the two attitudes never share an instant: of each, every second one",
     **{
         f"{name} apart": f"each quaternion is of {what} after its ATTITUDE; parameters are not told"
@@ -71,6 +77,8 @@ class Link(NamedTuple):
             faults.append(Fault("reorder" if self.trouble == "reordered" else "duplicate", (SHARE,)))
         if faults:
             data = inject(data, faults, seed=SEED)
+        if self.trouble in _AROUND:
+            return b"".join(records(_AROUND[self.trouble](data)))
         return retimed(data, _ARRIVALS[self.trouble]) if self.trouble in _ARRIVALS else data
 
 
@@ -179,4 +187,5 @@ _LATER = Cause(
     fix="",
     origin="the next instant's attitude",
 )
-_ARRIVALS = {"jitter": late, "bursts": bursts}
+_ARRIVALS = {"jitter": late, "bursts": bursts, "suspended": suspended}
+_AROUND = {"transfer": partial(transfer, instead_of=THINNED), "twice": twice, "companions": companion}

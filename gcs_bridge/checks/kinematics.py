@@ -51,6 +51,7 @@ _STEADY = 0.9
 _FAR_RAD = math.radians(15.0)  # the attitude turns, over the window
 # Of turning and rates over the window, healthy within 0.3 deg/s + 2 %.
 _TURN_RAD_S, _TURN_SHARE, _TURN_STILL_RAD_S = math.radians(1.0), 0.15, math.radians(10.0)
+_LONGEST_S = 1.0  # of a step in the sums: across a longer gap it may have turned otherwise than at both ends
 _TURN_LEAST_HZ = 2.0  # sums over ten seconds need fewer samples than a slope
 _TURN_PER_CHANGE = 0.2  # of what the rates change by from sample to sample, in the root mean square
 # Slots of `_Stream.lately`: what the attitude turned, the largest rates, by how much the rates missed the turn (each
@@ -249,7 +250,8 @@ def _judge_step(votes, watched, limits, stream, i):  # type: ignore[no-untyped-d
         detail = np.nan, np.nan, missed[0], missed[1], missed[2]
         vote(votes, stream.places[_STEPS], frame_index, t_us, value, limit, detail)
     change = w1[0] - w0[0], w1[1] - w0[1], w1[2] - w0[2]
-    if not usable or denied:
+    summed = usable and not denied and h_s <= _LONGEST_S
+    if not summed:
         turn = by_rates = change = 0.0, 0.0, 0.0
     row = (
         turn[0] * by_rates[0] / h_s,
@@ -270,7 +272,7 @@ def _judge_step(votes, watched, limits, stream, i):  # type: ignore[no-untyped-d
         by_rates[0],
         by_rates[1],
         by_rates[2],
-        1.0 if usable and not denied else 0.0,
+        1.0 if summed else 0.0,
     )
     _, since_us = slide_in(stream.sums, t_us, row)
     span_s, of = (t_us - since_us) * 1e-6, stream.sums.sums

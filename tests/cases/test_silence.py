@@ -115,6 +115,18 @@ def test_a_transfer_stops_the_streams(make: Any, seconds: float, hz: float) -> N
     assert [utc_s(event) for event in told(events, "compare_resumed")] == pytest.approx([end_s], abs=0.1)
 
 
+@pytest.mark.parametrize("begin", varied(0.3, 0.4))
+def test_a_manoeuvre_while_nothing_comes_is_judged_by_no_rates(begin: float) -> None:
+    """It flew on while no attitude came: its rates at both ends say nothing of that, and are no warning."""
+    records = list(wire.records((FIXTURES / "g_mavlink1.tlog").read_bytes()))
+    first_us, last_us = records[0][0], records[-1][0]
+    begin_us, end_us = (first_us + share * (last_us - first_us) for share in (begin, 0.6))
+    kept = [one for one in records if one[1][5] not in (30, 31) or not begin_us < one[0] < end_us]  # MAVLink 1's ids
+    assert len(kept) < len(records)
+    _, vehicle = one(kept)
+    assert alarms(vehicle, "kinematics") == []
+
+
 @pytest.mark.parametrize(("nth", "hz"), [(4, 10), (4, 2), (16, 1)])
 def test_a_transfer_slows_the_streams(nth: int, hz: float) -> None:
     """Four times slower while a mission is read, and sixteen times: no warning."""
