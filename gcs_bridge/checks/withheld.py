@@ -12,7 +12,8 @@ from gcs_bridge.checks.base import row_at
 from gcs_bridge.jit import helper
 
 CALM_US = 5_000_000  # without a bad pair, before the next one is a new onset
-_HELD_US, _HELD_SLOW_US = 3_000_000, 6_000_000  # how long a disagreement may be withheld; for pairs that come slowly
+# How long a disagreement may be withheld; longer where pairs come slowly, or are of neighbouring instants alone.
+_HELD_US, _HELD_SLOW_US = 3_000_000, 6_000_000
 _SLOW_US = 400_000
 _START_US = 3_000_000
 _OFF_AXIS = 0.05  # share of a turn that may be about other axes
@@ -45,6 +46,7 @@ def is_withheld(pairs, i, of, found, may_be_fixed_wing, may_be_trim):  # type: i
     tilt = np.arccos(np.minimum(np.maximum(cos_tilt, -1.0), 1.0))
     by_trim = angle <= 2.0 * np.sin(tilt / 2.0) * _MOST_TRIM_RAD + limit
     is_starting = of.onset_us - of.first_us < _START_US
-    held_us = _HELD_SLOW_US if pairs.duration_us[i] >= _SLOW_US else _HELD_US
+    fits_slowly = pairs.duration_us[i] >= _SLOW_US or not pairs.same_instant[i]
+    held_us = _HELD_SLOW_US if fits_slowly else _HELD_US
     is_young = of.bad_us - of.onset_us < held_us
     return is_young and ((about_y and may_be_fixed_wing) or (by_trim and (is_starting or may_be_trim)))
