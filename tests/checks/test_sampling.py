@@ -9,8 +9,9 @@ from tests.helpers.craft import Array, alarms, check, highres_imu, raw_imu, watc
 from tests.helpers.everyday import one_in
 from tests.helpers.oscillating import swing
 
-# Of the swing's frequency to the samples'.
-RATIOS = (0.3, 0.45, 0.5, 0.6, 0.7, 0.85, 0.95, 0.99, 1.05, 1.43, 1.9, 2.05)
+# Of the swing's frequency to the samples'. Nearer to 1 and 2 the beat is slower than what is looked back on, and a gyro
+# that is read between the samples looks as if it were wrong: nothing on the link tells the two apart.
+RATIOS = (0.3, 0.45, 0.5, 0.6, 0.7, 0.85, 0.95, 1.05, 1.43, 1.9, 2.05)
 STREAMS = ((4.0, 4.0, 0.5), (4.0, 2.0, 0.25), (2.0, 4.0, 0.8), (10.0, 10.0, 0.25), (10.0, 30.0, 0.5), (20.0, 20.0, 0.8))
 
 
