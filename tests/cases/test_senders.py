@@ -15,6 +15,8 @@ from gcs_bridge.recordings.inject import inject
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES, ROOT
 
+pytestmark = pytest.mark.slow
+
 Record = tuple[int, bytes]
 Json = dict[str, Any]
 S = 1_000_000

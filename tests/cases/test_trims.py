@@ -31,6 +31,8 @@ from tests.helpers.craft import check as entry_of
 from tests.helpers.everyday import one_in
 from tests.helpers.paths import ROOT
 
+pytestmark = pytest.mark.slow
+
 CASES = ROOT / "tests" / "data" / "cases"
 VALUE_DEG = 0.3  # by which an estimated trim may be off
 

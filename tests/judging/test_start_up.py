@@ -122,6 +122,7 @@ def test_nothing_but_start_up() -> None:
     assert entry["reason"].startswith("start-up from 10.0 to 39.9 s of boot 0: not judged")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SOURCES)
 def test_it_is_cut_anywhere(name: str) -> None:
     """The same events and report however the recording is cut."""

@@ -107,7 +107,7 @@ def test_many_datagrams_of_all_sizes(many_at_once: bool, monkeypatch: pytest.Mon
             chunks += some
     times_us = [chunk.t_rx_us for chunk in chunks]
     assert [chunk.data for chunk in chunks] == sent
-    assert before_us - 10_000 <= times_us[0] <= times_us[-1] <= now_us()
+    assert before_us - 10_000 <= times_us[0] <= times_us[-1] <= now_us() + 1000  # of the kernel's clock
     assert times_us == sorted(times_us)
 
 

@@ -17,6 +17,8 @@ from tests.helpers.autopilot import ATTITUDE, QUATERNION, RAW_IMU, Autopilot, se
 from tests.helpers.flying import GroundStation, udp_server_vehicle, udp_vehicle
 from tests.helpers.live_links import Live, fixture, free_port, paced, wait_until
 
+pytestmark = pytest.mark.slow
+
 ALARMING = fixture("d_plane_pitchtrim3", to_s=12, fault="yaw_offset:25")
 
 
