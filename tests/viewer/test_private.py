@@ -70,15 +70,17 @@ def test_the_window_s_port_is_for_this_machine(monkeypatch: pytest.MonkeyPatch) 
     with subprocess.Popen(["Xvfb", "-displayfd", "1"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as screen:
         assert screen.stdout is not None
         monkeypatch.setenv("DISPLAY", f":{screen.stdout.readline().decode().strip()}")
+        others = set(listening())  # other viewers of this machine, and of tests beside this one
         try:
             with open_viewer("native", say=lambda _: None, live=True) as viewer:
                 viewer.recording("by hand")
                 mine = range(WINDOW_PORT, WINDOW_PORT + 100)
-                eventually(lambda: [port for port in listening() if port in mine])
-                ours = {port: at for port, at in listening().items() if DATA_PORT <= port < WINDOW_PORT + 100}
+                eventually(lambda: [port for port in listening() if port in mine and port not in others])
+                now = {port: at for port, at in listening().items() if DATA_PORT <= port < WINDOW_PORT + 100}
+                ours = {port: at for port, at in now.items() if port not in others}
         finally:
             screen.terminate()
-    assert len(ours) == 2
+    assert len(ours) >= 2
     assert set().union(*ours.values()) == {"0100007F"}
 
 
