@@ -287,7 +287,7 @@ def main() -> int:
         for run in (strangers, forged):
             try:
                 done = run(seed, asked.cases, of[seed % len(of)])
-            except Exception as error:  # noqa: BLE001  that is what is looked for
+            except Exception as error:  # noqa: BLE001  # whatever it is, it is what is looked for
                 found += 1
                 print(f"seed {seed}, {run.__name__}: {type(error).__name__}: {error}", flush=True)
                 continue

@@ -28,7 +28,7 @@ class Beside(Thread, Generic[T]):
         """Make it."""
         try:
             self._made = self._make()
-        except BaseException as error:  # noqa: BLE001  it is raised where the result is asked for
+        except BaseException as error:  # noqa: BLE001  # whatever it is, it is raised where the result is asked for
             self._error = error
 
     def result(self) -> T:

@@ -35,7 +35,7 @@ def record(cls: type[T]) -> type[T]:
     names = frozenset(one.name for one in fields(made))
     defaults = {one.name: one.default for one in fields(made) if one.default is not MISSING}
 
-    def __init__(self: Any, **given: Any) -> None:  # noqa: N807  it is one
+    def __init__(self: Any, **given: Any) -> None:  # noqa: N807  # it is one
         if given.keys() != names:
             given = defaults | given
             if given.keys() != names:

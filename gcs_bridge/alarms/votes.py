@@ -6,7 +6,7 @@ Sample after sample, in order of arrival; what comes out are changes of state al
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -83,11 +83,8 @@ class Votes(NamedTuple):
     changes: Int64s  # (1,) how many there are
 
 
-# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
-
-
 @inlined
-def vote(votes, a, frame_index, t_us, value, limit, detail):  # type: ignore[no-untyped-def]  # typed by numba
+def vote(votes: Any, a: Any, frame_index: Any, t_us: Any, value: Any, limit: Any, detail: Any) -> Any:
     """Give the alarm `a` its next sample: bad above `limit`; `detail`, five numbers, counts where it is bad alone."""
     alarm = votes.alarm[a]
     if alarm.signal < alarm.signals:
@@ -103,7 +100,7 @@ def vote(votes, a, frame_index, t_us, value, limit, detail):  # type: ignore[no-
 
 
 @helper
-def _count(votes, a, frame_index, at, bad, low, detail):  # type: ignore[no-untyped-def]  # typed by numba
+def _count(votes: Any, a: Any, frame_index: Any, at: Any, bad: Any, low: Any, detail: Any) -> Any:
     """Take the alarm's latest sample among the recent ones, at place `at`, and see what they say together."""
     alarm, recent = votes.alarm[a], votes.recent[a]
     value = alarm.value
@@ -140,7 +137,7 @@ def _count(votes, a, frame_index, at, bad, low, detail):  # type: ignore[no-unty
 
 
 @helper
-def _begin(votes, a):  # type: ignore[no-untyped-def]  # typed by numba
+def _begin(votes: Any, a: Any) -> Any:
     """An excursion begins with the bad ones of the samples that voted for it."""
     alarm, recent, counted = votes.alarm[a], votes.recent[a], votes.alarm[a].counted_samples
     alarm.worst, alarm.onset_us = -np.inf, alarm.now_us
@@ -156,7 +153,7 @@ def _begin(votes, a):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _recurs(votes, a, waited_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _recurs(votes: Any, a: Any, waited_us: Any) -> Any:
     """Whether the pending excursion is one of several that were too short: a lag comes and goes."""
     alarm = votes.alarm[a]
     if alarm.short_row < 0:
@@ -177,7 +174,7 @@ def _recurs(votes, a, waited_us):  # type: ignore[no-untyped-def]  # typed by nu
 
 
 @helper
-def _go(votes, a, frame_index, signal):  # type: ignore[no-untyped-def]  # typed by numba
+def _go(votes: Any, a: Any, frame_index: Any, signal: Any) -> Any:
     """Take the alarm to its next state, if the signal leads to another one."""
     alarm = votes.alarm[a]
     before = alarm.state
@@ -201,7 +198,7 @@ def _go(votes, a, frame_index, signal):  # type: ignore[no-untyped-def]  # typed
 
 
 @helper
-def _write(votes, a, frame_index, before, by, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _write(votes: Any, a: Any, frame_index: Any, before: Any, by: Any, t_us: Any) -> Any:
     """Put down where the alarm is with a frame, and what it was before."""
     alarm, change = votes.alarm[a], votes.change[votes.changes[0]]
     votes.changes[0] += 1
@@ -212,7 +209,7 @@ def _write(votes, a, frame_index, before, by, t_us):  # type: ignore[no-untyped-
 
 
 @helper
-def _pass_signals(votes, a, frame_index):  # type: ignore[no-untyped-def]  # typed by numba
+def _pass_signals(votes: Any, a: Any, frame_index: Any) -> Any:
     """Take the signals that came up to a frame, before its own sample; what is no signal tells where the alarm is."""
     alarm = votes.alarm[a]
     while alarm.signal < alarm.signals and votes.signal[alarm.signal, 0] <= frame_index:

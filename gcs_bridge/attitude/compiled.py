@@ -6,6 +6,8 @@ Here is what a kernel needs beside: how a row is opened, and closed again.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -46,12 +48,12 @@ _LARGEST = _rows.LARGEST
 
 
 @in_kernels(_rows.where)
-def _where(mask, there, elsewhere):  # type: ignore[no-untyped-def]  # typed by numba
+def _where(mask: Any, there: Any, elsewhere: Any) -> Any:
     return there if mask else elsewhere
 
 
 @helper
-def ray_at(q, row):  # type: ignore[no-untyped-def]  # typed by numba
+def ray_at(q: Any, row: Any) -> Any:
     """As `ray`: row `row` of q (n, 4) as w, x, y, z, and the squared norm; NaN without a direction."""
     w, x, y, z = q[row, 0], q[row, 1], q[row, 2], q[row, 3]
     norm2 = w * w + x * x + y * y + z * z
@@ -61,7 +63,7 @@ def ray_at(q, row):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def unit_at(q, row):  # type: ignore[no-untyped-def]  # typed by numba
+def unit_at(q: Any, row: Any) -> Any:
     """As `unit`: row `row` of q (n, 4), of unit norm."""
     (w, x, y, z), norm2 = ray_at(q, row)
     scale = 1.0 / np.sqrt(norm2)
@@ -69,13 +71,13 @@ def unit_at(q, row):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def vector_at(v, row):  # type: ignore[no-untyped-def]  # typed by numba
+def vector_at(v: Any, row: Any) -> Any:
     """As `vector`: row `row` of v (n, 3) as x, y, z; NaN as a whole where any of them means nothing."""
     return vector_of(v[row, 0], v[row, 1], v[row, 2])
 
 
 @helper
-def vector_of(x, y, z):  # type: ignore[no-untyped-def]  # typed by numba
+def vector_of(x: Any, y: Any, z: Any) -> Any:
     """The same of three numbers."""
     if not (abs(x) <= _LARGEST and abs(y) <= _LARGEST and abs(z) <= _LARGEST):
         x = y = z = np.nan
@@ -83,7 +85,7 @@ def vector_of(x, y, z):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def put(parts, out, row):  # type: ignore[no-untyped-def]  # typed by numba
+def put(parts: Any, out: Any, row: Any) -> Any:
     """As `join`: write the parts into row `row` of out (n, k), without negative zeros."""
     for i in range(len(parts)):
         out[row, i] = parts[i] + 0.0
@@ -99,7 +101,7 @@ def new_rest() -> npt.NDArray[np.void]:
 
 
 @helper
-def is_at_rest(rest, t_s, f_b, w, may_rest):  # type: ignore[no-untyped-def]  # typed by numba
+def is_at_rest(rest: Any, t_s: Any, f_b: Any, w: Any, may_rest: Any) -> Any:
     """As `RestWatch`, for the next sample: whether the vehicle is known to rest; `rest` is followed."""
     force, rate = length(f_b), length(w)
     if not np.isfinite(t_s + force + rate) or t_s < rest.latest_s:

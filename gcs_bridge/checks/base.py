@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Annotated, ClassVar, Literal, NamedTuple, TypedDict
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypedDict
 
 import numpy as np
 
-import gcs_bridge.attitude.compiled  # noqa: F401  checks' kernels call the attitude package
+import gcs_bridge.attitude.compiled  # noqa: F401  # checks' kernels call the attitude package
 from gcs_bridge.alarms.record import scale_of
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import Signal
@@ -48,7 +48,7 @@ class Watched(NamedTuple):
 
 
 @helper
-def watch(watched, t_us, value, judged):  # type: ignore[no-untyped-def]  # typed by numba
+def watch(watched: Any, t_us: Any, value: Any, judged: Any) -> Any:
     """Count a sample whose sources are there, and its value if it could be judged."""
     of = watched.of[0]
     if not of.started:
@@ -63,13 +63,13 @@ def watch(watched, t_us, value, judged):  # type: ignore[no-untyped-def]  # type
 
 
 @helper
-def row_at(v, row):  # type: ignore[no-untyped-def]  # typed by numba
+def row_at(v: Any, row: Any) -> Any:
     """Row `row` of v (n, 3), as it is."""
     return v[row, 0], v[row, 1], v[row, 2]
 
 
 @helper
-def is_known(numbers):  # type: ignore[no-untyped-def]  # typed by numba
+def is_known(numbers: Any) -> Any:
     """As `finite`: whether a sample holds numbers only."""
     known = True
     for number in numbers:
@@ -78,7 +78,7 @@ def is_known(numbers):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def is_dead(force, numbers):  # type: ignore[no-untyped-def]  # typed by numba
+def is_dead(force: Any, numbers: Any) -> Any:
     """Whether a sample's specific force, and some numbers beside it, are zeros: no sensor measures that for long."""
     none = True
     for number in force:

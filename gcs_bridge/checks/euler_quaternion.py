@@ -7,7 +7,7 @@ estimate, this check finds mistakes of convention, encoding, timing and firmware
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -309,11 +309,8 @@ def judge_pairs(
                 vote(votes, places[1], pairs.frame_index[i], pairs.t_boot_us[i], value, limit, detail)
 
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
-
 @helper
-def _compare(pairs, i, found):  # type: ignore[no-untyped-def]  # typed by numba
+def _compare(pairs: Any, i: Any, found: Any) -> Any:
     """The rotation between both forms, and its parts (rule M17)."""
     q_euler, norm2 = ray_at(pairs.q_euler, i)
     q_quaternion, _ = ray_at(pairs.q_quaternion, i)
@@ -326,7 +323,7 @@ def _compare(pairs, i, found):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _tell(pairs, i, limits, of, found):  # type: ignore[no-untyped-def]  # typed by numba
+def _tell(pairs: Any, i: Any, limits: Any, of: Any, found: Any) -> Any:
     """Judge by a limit that grows with the bound of the alignment.
 
     A pair above its limit is bad; one below it is good only if the bound leaves anything to tell, else it is not
@@ -341,13 +338,13 @@ def _tell(pairs, i, limits, of, found):  # type: ignore[no-untyped-def]  # typed
 
 
 @helper
-def _apart(a, b, i):  # type: ignore[no-untyped-def]  # typed by numba
+def _apart(a: Any, b: Any, i: Any) -> Any:
     """As `angle_between`, of rows `i`."""
     return angle_of(product(conjugated(ray_at(a, i)[0]), ray_at(b, i)[0]))
 
 
 @helper
-def _follow_lag(pairs, i, of, found):  # type: ignore[no-untyped-def]  # typed by numba
+def _follow_lag(pairs: Any, i: Any, of: Any, found: Any) -> Any:
     """Sum up, pair after pair, how the difference goes along the rate: a stamp that is late makes it so."""
     w, turn = row_at(pairs.w_nb_b_rad_s, i), row_at(found.rotvec_body, i)
     if is_known(w) and is_known(turn) and length(w) < _GREATEST_RATE_RAD_S:
@@ -356,7 +353,7 @@ def _follow_lag(pairs, i, of, found):  # type: ignore[no-untyped-def]  # typed b
 
 
 @helper
-def _mean(pairs, i, limits, sums, found):  # type: ignore[no-untyped-def]  # typed by numba
+def _mean(pairs: Any, i: Any, limits: Any, sums: Any, found: Any) -> Any:
     """The mean turn of the last seconds' good pairs, in world and body axes: noise averages out, offsets don't.
 
     Returns whether there are enough pairs, the angle and its limit, and the mean in body axes.
@@ -377,7 +374,7 @@ def _mean(pairs, i, limits, sums, found):  # type: ignore[no-untyped-def]  # typ
 
 
 @helper
-def _detail(found, i, turn):  # type: ignore[no-untyped-def]  # typed by numba
+def _detail(found: Any, i: Any, turn: Any) -> Any:
     return found.tilt[i], found.heading[i], turn[0], turn[1], turn[2]
 
 

@@ -7,7 +7,7 @@ While nobody has told ArduPilot's AHRS_TRIM, what it could make at rest is neith
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from msgspec.structs import replace
@@ -192,7 +192,7 @@ def rate_downs(
 
 
 @helper
-def _may_have_swung(state, t_us, turn_rad, rate, gap_s):  # type: ignore[no-untyped-def]  # typed by numba
+def _may_have_swung(state: Any, t_us: Any, turn_rad: Any, rate: Any, gap_s: Any) -> Any:
     """How far the attitude may be, between two samples, from what lies between them: as far as it turned of late.
 
     A swing as fast as the samples may look like rest to a sensor that is read at its ends; its rates show it. A leap
@@ -207,18 +207,18 @@ def _may_have_swung(state, t_us, turn_rad, rate, gap_s):  # type: ignore[no-unty
 
 
 @helper
-def _rates_at(w, i):  # type: ignore[no-untyped-def]  # typed by numba
+def _rates_at(w: Any, i: Any) -> Any:
     return rates_of(w[i, 0], w[i, 1], w[i, 2])
 
 
 @helper
-def _is_open(ardupilot, trim_open, frame_index):  # type: ignore[no-untyped-def]  # typed by numba
+def _is_open(ardupilot: Any, trim_open: Any, frame_index: Any) -> Any:
     """Whether AHRS_TRIM may be anything."""
     return held_at(ardupilot, frame_index) == 1.0 and held_at(trim_open, frame_index) == 1.0
 
 
 @helper
-def _before_trim(q_nb, trim_b, i):  # type: ignore[no-untyped-def]  # typed by numba
+def _before_trim(q_nb: Any, trim_b: Any, i: Any) -> Any:
     """The attitude of the body's axes before the trim, which are the sensor's, and its squared norm."""
     q, norm2 = ray_at(q_nb, i)
     if trim_b[i, 0] != 0.0 or trim_b[i, 1] != 0.0 or trim_b[i, 2] != 0.0:
@@ -228,19 +228,19 @@ def _before_trim(q_nb, trim_b, i):  # type: ignore[no-untyped-def]  # typed by n
 
 
 @helper
-def _is_loud(state, rates, down, fixed_wing):  # type: ignore[no-untyped-def]  # typed by numba
+def _is_loud(state: Any, rates: Any, down: Any, fixed_wing: Any) -> Any:
     """Whether the vehicle turns fast, or may: on fixed wings a coordinated turn feels level."""
     return not length(rates) < state.below_rad_s or (fixed_wing and abs(np.arctan2(down[1], down[2])) > state.bank_rad)
 
 
 @helper
-def _angle(one, other):  # type: ignore[no-untyped-def]  # typed by numba
+def _angle(one: Any, other: Any) -> Any:
     """The angle between two vectors."""
     return np.arctan2(length(cross(one, other)), one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
 
 
 @helper
-def _tilting(down, force, angle):  # type: ignore[no-untyped-def]  # typed by numba
+def _tilting(down: Any, force: Any, angle: Any) -> Any:
     """The detail of a turn from the attitude's down to the accelerometer's: all of it tilt.
 
     The attitude must turn the other way to see what the accelerometer sees.

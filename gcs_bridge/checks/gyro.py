@@ -11,7 +11,7 @@ rates swing unseen, by about as much. A fault leaves one of the two accounts rig
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -232,7 +232,7 @@ def rate_gyro(
 
 
 @helper
-def _begin(state, t_us, difference):  # type: ignore[no-untyped-def]  # typed by numba
+def _begin(state: Any, t_us: Any, difference: Any) -> Any:
     """Take the first difference for the bias."""
     state.started, state.first_us, state.last_us, state.block_end_us = 1, t_us, t_us, t_us + _BLOCK_US
     state.new_us = t_us
@@ -241,7 +241,9 @@ def _begin(state, t_us, difference):  # type: ignore[no-untyped-def]  # typed by
 
 
 @helper
-def _unseen(state, swings, t_us, start, end, turn, difference, gap_s, step_s):  # type: ignore[no-untyped-def]  # typed by numba
+def _unseen(
+    state: Any, swings: Any, t_us: Any, start: Any, end: Any, turn: Any, difference: Any, gap_s: Any, step_s: Any
+) -> Any:
     """By how much gyro and rates may differ, rad/s, since the rates swing between the samples.
 
     `difference` of the gyro from the rates at its time: with that, the rates' own mean is brought to the gyro's.
@@ -285,7 +287,7 @@ def _unseen(state, swings, t_us, start, end, turn, difference, gap_s, step_s):  
 
 
 @helper
-def _learn(state, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _learn(state: Any, t_us: Any) -> Any:
     """Take what was seen since the last time into what is remembered, and begin anew."""
     x, y, z = state.new_sum
     if x * x + y * y + z * z <= _ONE_SIDED * state.new_s * state.new_differed:
@@ -299,21 +301,21 @@ def _learn(state, t_us):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _trust(limit, doubt):  # type: ignore[no-untyped-def]  # typed by numba
+def _trust(limit: Any, doubt: Any) -> Any:
     """How much a difference tells of what it should be, with so much doubt in it: 1 without."""
     told = limit / (limit + doubt)
     return told * told
 
 
 @helper
-def _share(state, step_s):  # type: ignore[no-untyped-def]  # typed by numba
+def _share(state: Any, step_s: Any) -> Any:
     """By which share of a difference the bias follows: with its time constant, faster in the beginning."""
     state.learned_s += step_s
     return min(step_s / max(min(state.learned_s, state.bias_time_s), 1e-3), 1.0)
 
 
 @helper
-def _follow_lag(state, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _follow_lag(state: Any, t_us: Any) -> Any:
     """At the end of a block, take from it how much further the clocks lag: that shows where the rates change."""
     if t_us < state.block_end_us:
         return
@@ -323,7 +325,7 @@ def _follow_lag(state, t_us):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _beyond_bias(state, axis, difference, change, share, trust):  # type: ignore[no-untyped-def]  # typed by numba
+def _beyond_bias(state: Any, axis: Any, difference: Any, change: Any, share: Any, trust: Any) -> Any:
     """What is left of a difference, rad/s, without lag and bias, as they were known before; then follow them."""
     beyond = difference - state.lag_s * change - state.bias_rad_s[axis]
     state.along += trust * beyond * change

@@ -11,7 +11,7 @@ It gives itself away: it comes back, so in seconds the attitude goes no further 
 from __future__ import annotations
 
 import math
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -212,11 +212,8 @@ def judge_steps(votes: Votes, watched: Watched, limits: _SlopeLimits, one: _Stre
             j += 1
 
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
-
 @helper
-def _judge_step(votes, watched, limits, stream, i):  # type: ignore[no-untyped-def]  # typed by numba
+def _judge_step(votes: Any, watched: Any, limits: Any, stream: Any, i: Any) -> Any:
     """Rate the stream's step `i`."""
     steps = stream.steps
     t_us, frame_index = steps.t1_us[i], steps.frame_index[i]
@@ -308,7 +305,7 @@ def _judge_step(votes, watched, limits, stream, i):  # type: ignore[no-untyped-d
 
 
 @helper
-def _may_swing_unseen(lately, w0, w1, turn, missed, h_s, t_s):  # type: ignore[no-untyped-def]  # typed by numba
+def _may_swing_unseen(lately: Any, w0: Any, w1: Any, turn: Any, missed: Any, h_s: Any, t_s: Any) -> Any:
     """Whether a step that the rates miss may be part of a swing that the samples do not show.
 
     About the axis on which they miss it, the attitude went no further lately than the rates turn it within one step,
@@ -333,7 +330,7 @@ def _may_swing_unseen(lately, w0, w1, turn, missed, h_s, t_s):  # type: ignore[n
 
 
 @helper
-def _off(across, rates, turns, changes, span_s, step_s, limits):  # type: ignore[no-untyped-def]  # typed by numba
+def _off(across: Any, rates: Any, turns: Any, changes: Any, span_s: Any, step_s: Any, limits: Any) -> Any:
     """How far turn over rate about a body axis, by least squares, is from 1: 1 at the limit, on both sides.
 
     `across`, `rates`, `turns`, `changes`: sums of turn times rate, rate squared, turn squared, change of rate squared.

@@ -8,7 +8,7 @@ agreed with the compass is of another kind, as a GPS yaw is, and then neither te
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -144,7 +144,7 @@ def follow_difference(
 
 
 @helper
-def _is_calm(state, q, norm2, rates, i):  # type: ignore[no-untyped-def]  # typed by numba
+def _is_calm(state: Any, q: Any, norm2: Any, rates: Any, i: Any) -> Any:
     """Whether the vehicle neither turns fast nor is banked far."""
     rate = length(rates_of(rates[i, 0], rates[i, 1], rates[i, 2]))
     return rate < state.quiet_below_rad_s and down_of(q, norm2)[2] > state.quiet_down

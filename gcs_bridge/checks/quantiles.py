@@ -7,7 +7,7 @@ values in its bin, so within 0.1 % of a value that was seen. The largest value a
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ class Waiting(NamedTuple):
 
 
 @helper
-def note(numbers, value):  # type: ignore[no-untyped-def]  # typed by numba
+def note(numbers: Any, value: Any) -> Any:
     """Put one number down; there must be room."""
     numbers.value[numbers.waiting[0]] = value
     numbers.waiting[0] += 1

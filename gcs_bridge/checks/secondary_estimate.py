@@ -9,7 +9,7 @@ that never agreed in tilt sees another down from the start: a warning, once, as 
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -225,7 +225,7 @@ def compare_estimates(
 
 
 @helper
-def _follow_quiet(state, series, frame_index, t_us, rows, i):  # type: ignore[no-untyped-def]  # typed by numba
+def _follow_quiet(state: Any, series: Any, frame_index: Any, t_us: Any, rows: Any, i: Any) -> Any:
     """Take an attitude, and how long it has been that the vehicle turned fast or was banked."""
     if not state.attitudes:
         state.unquiet_us = t_us[i]
@@ -239,7 +239,7 @@ def _follow_quiet(state, series, frame_index, t_us, rows, i):  # type: ignore[no
 
 
 @helper
-def _ask(series, waiting, frame_index, t_us, q, gap_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _ask(series: Any, waiting: Any, frame_index: Any, t_us: Any, q: Any, gap_us: Any) -> Any:
     """Ask for the first estimate at an AHRS2's time."""
     at = wait(series, waiting, frame_index, t_us)
     if at >= 0:
@@ -249,7 +249,19 @@ def _ask(series, waiting, frame_index, t_us, q, gap_us):  # type: ignore[no-unty
 
 
 @helper
-def _compare(state, series, before, behind, waiting, question, frame_index, places, limits, votes, watched):  # type: ignore[no-untyped-def]  # typed by numba
+def _compare(
+    state: Any,
+    series: Any,
+    before: Any,
+    behind: Any,
+    waiting: Any,
+    question: Any,
+    frame_index: Any,
+    places: Any,
+    limits: Any,
+    votes: Any,
+    watched: Any,
+) -> Any:
     """Compare an AHRS2 with the first estimate at its time."""
     t_us, last = waiting.t_us[question], series.t_us.size - 1
     if not state.compared:

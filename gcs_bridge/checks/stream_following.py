@@ -6,7 +6,7 @@ no time, whether a stream is silent. What a silence is, and what slow is, `strea
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -118,11 +118,8 @@ class Requests(NamedTuple):
     rate_hz: Floats
 
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
-
 @helper
-def _same_s(stream, other, numbers, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _same_s(stream: Any, other: Any, numbers: Any, t_us: Any) -> Any:
     """For how long the sample's numbers have been the same. NaN differs from itself, and is no frozen attitude."""
     changed = False
     for i in range(numbers.size):
@@ -138,14 +135,14 @@ def _same_s(stream, other, numbers, t_us):  # type: ignore[no-untyped-def]  # ty
 
 
 @helper
-def _moved_rad(stream, other):  # type: ignore[no-untyped-def]  # typed by numba
+def _moved_rad(stream: Any, other: Any) -> Any:
     """How far the other stream turned while this one's numbers were the same."""
     (w0, x0, y0, z0), (w1, x1, y1, z1) = stream.other_q, other.q
     return angle_of(product(conjugated((w0, x0, y0, z0)), (w1, x1, y1, z1)))
 
 
 @helper
-def _interval_s(vehicle, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _interval_s(vehicle: Any, t_us: Any) -> Any:
     """The time from the latest attitude of either stream to the next."""
     if not vehicle.attitudes:
         vehicle.attitude_us = t_us
@@ -192,7 +189,7 @@ def follow(
 
 
 @helper
-def _find_silence(streams, vehicle):  # type: ignore[no-untyped-def]  # typed by numba
+def _find_silence(streams: Any, vehicle: Any) -> Any:
     """Put down silences that are too long, with a frame that carries no time: it shows nothing else.
 
     Only where none that carries a time has come for as long as that may take: it tells more.
@@ -206,7 +203,7 @@ def _find_silence(streams, vehicle):  # type: ignore[no-untyped-def]  # typed by
 
 
 @helper
-def _take_message(messages, i, streams, vehicle, watched):  # type: ignore[no-untyped-def]  # typed by numba
+def _take_message(messages: Any, i: Any, streams: Any, vehicle: Any, watched: Any) -> Any:
     """Take the next message, and put down what the alarms are to vote on."""
     frame_index, k, t_us = messages.frame_index[i], messages.stream[i], messages.t_us[i]
     hear(vehicle, t_us)
@@ -225,7 +222,7 @@ def _take_message(messages, i, streams, vehicle, watched):  # type: ignore[no-un
 
 
 @helper
-def _take_sample(stream, other, vehicle, frame_index, t_us, numbers, q):  # type: ignore[no-untyped-def]  # typed by numba
+def _take_sample(stream: Any, other: Any, vehicle: Any, frame_index: Any, t_us: Any, numbers: Any, q: Any) -> Any:
     """Take the next sample of a stream, of which `numbers` are as they were sent, and see what it tells."""
     row = stream.row
     stream.row += 1

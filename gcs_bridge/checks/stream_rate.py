@@ -5,6 +5,8 @@ A rate that somebody asked for is the usual one from then on.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from gcs_bridge.checks.stream_silence import is_slowed
@@ -13,11 +15,9 @@ from gcs_bridge.jit import helper
 WINDOWS = 24  # of the own rate, whose median is the usual one
 _LEAST_WINDOWS = 3
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
 
 @helper
-def take_request(stream, vehicle, rate_hz):  # type: ignore[no-untyped-def]  # typed by numba
+def take_request(stream: Any, vehicle: Any, rate_hz: Any) -> Any:
     """Somebody asked for another rate, NaN: it is not known which; what was usual is learned anew."""
     usual = _usual(stream) if stream.windows >= _LEAST_WINDOWS else stream.asked_count
     asked = rate_hz * vehicle.slow_after_us * 1e-6
@@ -28,7 +28,7 @@ def take_request(stream, vehicle, rate_hz):  # type: ignore[no-untyped-def]  # t
 
 
 @helper
-def _usual(stream):  # type: ignore[no-untyped-def]  # typed by numba
+def _usual(stream: Any) -> Any:
     """The median of the last windows' counts."""
     n = min(stream.windows, WINDOWS)
     total = 0
@@ -45,7 +45,7 @@ def _usual(stream):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def times_slower(stream, vehicle, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def times_slower(stream: Any, vehicle: Any, t_us: Any) -> Any:
     """At the end of a window without a silence, how many times slower than usual the stream came; else NaN."""
     if stream.frame_index < 0:
         stream.latest_us = stream.window_us = t_us

@@ -8,6 +8,7 @@ slows streams or stops them. The more frames are lost, the longer it must be to 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -21,11 +22,9 @@ _MOST_PERIODS = 20.0  # that a silence needs, however much was lost
 # mission in that time; single parameters that are told now and then are no transfer.
 _TRANSFER, _TRANSFER_GAP_US = 2, 1_500_000
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
 
 @helper
-def hear(vehicle, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def hear(vehicle: Any, t_us: Any) -> Any:
     """Count the time in which the vehicle is heard: a silence of all of it is none of a stream."""
     if not vehicle.messages:
         vehicle.latest_us = t_us
@@ -35,7 +34,7 @@ def hear(vehicle, t_us):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def hear_frame(vehicle, streams, heard, i):  # type: ignore[no-untyped-def]  # typed by numba
+def hear_frame(vehicle: Any, streams: Any, heard: Any, i: Any) -> Any:
     """Count the time in which the vehicle is heard by a frame of it, and begin each silence anew with a transfer."""
     at_us = heard.heard_us[i]
     if vehicle.link_us >= 0:
@@ -53,13 +52,13 @@ def hear_frame(vehicle, streams, heard, i):  # type: ignore[no-untyped-def]  # t
 
 
 @helper
-def is_slowed(vehicle):  # type: ignore[no-untyped-def]  # typed by numba
+def is_slowed(vehicle: Any) -> Any:
     """Whether a transfer goes on."""
     return vehicle.transfers >= _TRANSFER and vehicle.link_us - vehicle.transfer_us <= _TRANSFER_GAP_US
 
 
 @helper
-def follow_loss(vehicle, lost, received):  # type: ignore[no-untyped-def]  # typed by numba
+def follow_loss(vehicle: Any, lost: Any, received: Any) -> Any:
     """How many periods of silence mean something, by the share of the vehicle's frames that was lost of late."""
     n = vehicle.messages
     at = n % LOSS_MESSAGES
@@ -74,7 +73,7 @@ def follow_loss(vehicle, lost, received):  # type: ignore[no-untyped-def]  # typ
 
 
 @helper
-def silent_s(stream, vehicle):  # type: ignore[no-untyped-def]  # typed by numba
+def silent_s(stream: Any, vehicle: Any) -> Any:
     """For how long the stream has been silent, in time in which the vehicle was heard."""
     if stream.frame_index < 0 or stream.period_us < 0:
         return 0.0
@@ -82,14 +81,14 @@ def silent_s(stream, vehicle):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def silent_limit_s(stream, vehicle, period_us):  # type: ignore[no-untyped-def]  # typed by numba
+def silent_limit_s(stream: Any, vehicle: Any, period_us: Any) -> Any:
     """How long a silence of a stream of that period may be, at the share of frames that is lost."""
     period_us = max(period_us, stream.asked_period_us)
     return max(vehicle.stale_after_us, vehicle.least_periods * period_us, 1.0) * 1e-6
 
 
 @helper
-def is_silent(stream, vehicle):  # type: ignore[no-untyped-def]  # typed by numba
+def is_silent(stream: Any, vehicle: Any) -> Any:
     """Whether it has been silent for too long, as the vehicle's frames tell that carry no time."""
     limit_s = silent_limit_s(stream, vehicle, max(stream.period_us, stream.rx_period_us))
     return silent_s(stream, vehicle) > limit_s

@@ -6,7 +6,7 @@ Times and numbers: what they are of is not known here.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,11 +37,8 @@ class Sliding(NamedTuple):
     sums: Floats  # (width,) of the samples in the window
 
 
-# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
-
-
 @helper
-def slide_in(sliding, t_us, row):  # type: ignore[no-untyped-def]  # typed by numba
+def slide_in(sliding: Any, t_us: Any, row: Any) -> Any:
     """Take a sample, later than all before, with its numbers `row`; there must be room.
 
     Then `sums` are over the window that ends with it. Returns of how many samples they are, and since when, µs. One
@@ -61,7 +58,7 @@ def slide_in(sliding, t_us, row):  # type: ignore[no-untyped-def]  # typed by nu
 
 
 @helper
-def told_by_rates(turning, speed0, speed1, gap_s):  # type: ignore[no-untyped-def]  # typed by numba
+def told_by_rates(turning: Any, speed0: Any, speed1: Any, gap_s: Any) -> Any:
     """Whether the rates at both ends of the next gap, in order of time, tell what was between them.
 
     They do not where the stream may have turned far, as fast as it turned of late. `turning`: of `new_turning`.
@@ -77,7 +74,7 @@ def told_by_rates(turning, speed0, speed1, gap_s):  # type: ignore[no-untyped-de
 
 
 @helper
-def follow_swing(swing, missed, dt_s, gap_s):  # type: ignore[no-untyped-def]  # typed by numba
+def follow_swing(swing: Any, missed: Any, dt_s: Any, gap_s: Any) -> Any:
     """Take how far one account of the turn across a gap `missed` it, rad/s, and return by how much it may miss now.
 
     In the mean square over the last gaps, and over so long a time as a slow beat of the motion with the samples may

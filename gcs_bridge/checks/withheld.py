@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -22,11 +23,8 @@ _MOST_TRIM_RAD = math.radians(10.0)
 LEVEL_TRIM_RAD = _MOST_TRIM_RAD**2 / 2.0  # so much of heading both AHRS_TRIMs together make of a level vehicle
 
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
-
 @helper
-def is_withheld(pairs, i, of, found, may_be_fixed_wing, may_be_trim):  # type: ignore[no-untyped-def]  # typed by numba
+def is_withheld(pairs: Any, i: Any, of: Any, found: Any, may_be_fixed_wing: Any, may_be_trim: Any) -> Any:
     """Whether a bad pair disagrees as a firmware may on purpose, while that could still be found out.
 
     What a firmware does is told by parameters and modes, or fitted to some pairs: both take a moment. For so long

@@ -8,7 +8,7 @@ to 25 Hz, in squares, banks, acro and a tumble). They are looked at only while p
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -99,7 +99,7 @@ class _Seen(NamedTuple):
 
 
 @helper
-def between_of(q0, q1, w0, w1, own, h, u):  # type: ignore[no-untyped-def]  # typed by numba
+def between_of(q0: Any, q1: Any, w0: Any, w1: Any, own: Any, h: Any, u: Any) -> Any:
     """The quaternion at the share `u` of a gap of `h` s, and the bound of that; NaN: none is known."""
     between, w = interpolated(q0, q1, w0, w1, h, u)
     _, kin = turn_and_kin_of(q0, q1, w0, w1, h)

@@ -5,7 +5,7 @@ What disagrees, or makes something known for the first time, is looked at by `vi
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -179,17 +179,14 @@ def fill_tails(
         _fill(rows, one.frame_index, one.t_us, one.rpy_rad, one.q_nb, one.bound_rad[:, None])
 
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into one.
-
-
 @helper
-def _latest_us(rows):  # type: ignore[no-untyped-def]  # typed by numba
+def _latest_us(rows: Any) -> Any:
     """When the last row was; −1 where there is none."""
     return rows.t_us[(rows.held[0] - 1) % rows.t_us.size] if rows.held[0] else np.int64(-1)
 
 
 @helper
-def _at_instant(rows, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _at_instant(rows: Any, t_us: Any) -> Any:
     """The place of the row at a time; −1: none."""
     room = rows.t_us.size
     for position in range(rows.held[0] - 1, max(rows.held[0] - room, 0) - 1, -1):
@@ -200,7 +197,7 @@ def _at_instant(rows, t_us):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _next_place(rows, frame_index, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _next_place(rows: Any, frame_index: Any, t_us: Any) -> Any:
     """Begin a row behind the others; where it is."""
     at = rows.held[0] % rows.t_us.size
     rows.held[0] += 1
@@ -209,7 +206,7 @@ def _next_place(rows, frame_index, t_us):  # type: ignore[no-untyped-def]  # typ
 
 
 @helper
-def _remember(rows, samples, i, width):  # type: ignore[no-untyped-def]  # typed by numba
+def _remember(rows: Any, samples: Any, i: Any, width: Any) -> Any:
     """Take sample `i`, whose own numbers are `width`."""
     at = _next_place(rows, samples.frame_index[i], samples.t_us[i])
     for column in range(width):
@@ -219,7 +216,7 @@ def _remember(rows, samples, i, width):  # type: ignore[no-untyped-def]  # typed
 
 
 @helper
-def _remember_pair(rows, frame_index, t_us, rpy, r, q, i):  # type: ignore[no-untyped-def]  # typed by numba
+def _remember_pair(rows: Any, frame_index: Any, t_us: Any, rpy: Any, r: Any, q: Any, i: Any) -> Any:
     """Take the pair of row `r` of `rpy` and row `i` of `q`."""
     at = _next_place(rows, frame_index, t_us)
     for axis in range(3):
@@ -229,7 +226,7 @@ def _remember_pair(rows, frame_index, t_us, rpy, r, q, i):  # type: ignore[no-un
 
 
 @helper
-def _undone(expected, roll, pitch, yaw):  # type: ignore[no-untyped-def]  # typed by numba
+def _undone(expected: Any, roll: Any, pitch: Any, yaw: Any) -> Any:
     """As `Correction.undo`."""
     if expected.trim_x_rad or expected.trim_y_rad or expected.pitch_rad:
         roll, pitch = roll + expected.trim_x_rad, pitch + (expected.trim_y_rad + expected.pitch_rad)
@@ -242,7 +239,9 @@ def _undone(expected, roll, pitch, yaw):  # type: ignore[no-untyped-def]  # type
 
 
 @helper
-def _take_pair(expected, tails, learnt, frame_index, t_us, rpy, r, q, i):  # type: ignore[no-untyped-def]  # typed by numba
+def _take_pair(
+    expected: Any, tails: Any, learnt: Any, frame_index: Any, t_us: Any, rpy: Any, r: Any, q: Any, i: Any
+) -> Any:
     """Learn from the pair of row `r` of `rpy` and row `i` of `q`; whether it was no news: else nothing is learnt."""
     roll, pitch = rpy[r, 0], rpy[r, 1]
     if abs(pitch) > STEEP_RAD:
@@ -269,7 +268,7 @@ def _take_pair(expected, tails, learnt, frame_index, t_us, rpy, r, q, i):  # typ
 
 
 @helper
-def _between(tails, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _between(tails: Any, t_us: Any) -> Any:
     """The place of the last Euler sample between the latest quaternion and one at `t_us`; −1: none that matters.
 
     As `pairs_between` of `expected.between`.
@@ -292,7 +291,7 @@ def _between(tails, t_us):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _seen_between(tails, quaternion, q, at):  # type: ignore[no-untyped-def]  # typed by numba
+def _seen_between(tails: Any, quaternion: Any, q: Any, at: Any) -> Any:
     """The quaternion at the time of the Euler sample at place `at`, and the bound of that; NaN: none is known."""
     rows = tails.quaternion
     last = (rows.held[0] - 1) % rows.t_us.size
@@ -306,7 +305,7 @@ def _seen_between(tails, quaternion, q, at):  # type: ignore[no-untyped-def]  # 
 
 
 @helper
-def _is_news(expected, tails, learnt, at, between, bound):  # type: ignore[no-untyped-def]  # typed by numba
+def _is_news(expected: Any, tails: Any, learnt: Any, at: Any, between: Any, bound: Any) -> Any:
     """Whether a pair of neighbouring instants is more than one more that agrees."""
     roll, pitch, yaw = tails.euler.numbers[at, 0], tails.euler.numbers[at, 1], tails.euler.numbers[at, 2]
     angle = angle_of(product(conjugated(_undone(expected, roll, pitch, yaw)), between))
@@ -316,7 +315,7 @@ def _is_news(expected, tails, learnt, at, between, bound):  # type: ignore[no-un
 
 
 @helper
-def _remember_between(tails, learnt, frame_index, at, between, bound):  # type: ignore[no-untyped-def]  # typed by numba
+def _remember_between(tails: Any, learnt: Any, frame_index: Any, at: Any, between: Any, bound: Any) -> Any:
     """Take a pair of neighbouring instants that is no news."""
     if bound <= TELLS_RAD:
         learnt.between_agreements += 1

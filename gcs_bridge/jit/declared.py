@@ -57,7 +57,7 @@ def _declared(whose: Any, name: str) -> Declared:
 @cache
 def _meant(annotation: str, module: str) -> Declared | None:
     """The type that an annotation means, where it stands; None: it is none of an argument."""
-    return _type_of(eval(annotation, vars(sys.modules[module])))  # noqa: S307  our own source
+    return _type_of(eval(annotation, vars(sys.modules[module])))  # noqa: S307  # our own source
 
 
 def _type_of(hint: Any) -> Declared | None:

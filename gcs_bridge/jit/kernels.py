@@ -121,7 +121,10 @@ def kernel(function: Function) -> Function:
 
 
 def helper(function: Callable[..., Any]) -> Any:
-    """Compile what kernels call: it becomes part of theirs, and is typed there."""
+    """Compile what kernels call: it becomes part of theirs, and is typed there, anew for each of them.
+
+    So its arguments are Any: of one helper they may be of several types.
+    """
     share(function)
     return function
 

@@ -218,7 +218,7 @@ class DatagramLink(Link):
 class SpeakingLink(DatagramLink):
     """`udpout:`, which hears nobody but the one to whom it sends; it is not made where nothing may be sent."""
 
-    def _send(self, frame: bytes, system: int) -> bool:  # noqa: ARG002
+    def _send(self, frame: bytes, system: int) -> bool:  # noqa: ARG002  # there is one other end
         """To the other end, whoever is there."""
         for _ in range(2):
             try:

@@ -30,7 +30,7 @@ class StreamLink(Link):
         super()._begin(port)
         self._unsent = b""  # the rest of a frame that was taken in part
 
-    def _send(self, frame: bytes, system: int) -> bool:  # noqa: ARG002
+    def _send(self, frame: bytes, system: int) -> bool:  # noqa: ARG002  # there is one other end
         """To whoever is at the other end; not where it takes nothing now: a late command is worse than none."""
         try:
             while self._unsent:

@@ -6,7 +6,7 @@ What the wire cut off a payload (trailing zeros) is zero again. What a field mea
 from __future__ import annotations
 
 from functools import cache
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +16,11 @@ from gcs_bridge.jit import helper, kernel
 from gcs_bridge.mavlink.dialect import Message
 from gcs_bridge.mavlink.scan import Bytes, Frames, integer_at
 
-# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one. A `payload` is a tuple
-# of the buffer that it lies in, its first byte there, and its length.
+# A `payload` is a tuple of the buffer that it lies in, its first byte there, and its length.
 
 
 @helper
-def unsigned_in(payload, offset, size):  # type: ignore[no-untyped-def]  # typed by numba
+def unsigned_in(payload: Any, offset: Any, size: Any) -> Any:
     """The unsigned integer of `size` bytes at `offset`; of eight bytes as int64."""
     buf, at, length = payload
     if offset + size <= length:  # by itself: of a size that is known, the loop is unrolled
@@ -30,14 +29,14 @@ def unsigned_in(payload, offset, size):  # type: ignore[no-untyped-def]  # typed
 
 
 @helper
-def int16_in(payload, offset):  # type: ignore[no-untyped-def]  # typed by numba
+def int16_in(payload: Any, offset: Any) -> Any:
     """The signed integer of two bytes at `offset`."""
     value = unsigned_in(payload, offset, 2)
     return value - ((value & 0x8000) << 1)
 
 
 @helper
-def float_in(payload, offset):  # type: ignore[no-untyped-def]  # typed by numba
+def float_in(payload: Any, offset: Any) -> Any:
     """The float of four bytes at `offset`, as float64."""
     return np.float64(np.uint32(unsigned_in(payload, offset, 4)).view(np.float32))
 

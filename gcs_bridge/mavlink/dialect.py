@@ -116,7 +116,7 @@ class Dialect:
         entry = self._enums.get(enum, {}).get(value)
         return entry.removeprefix(f"{enum}_").lower() if entry else "unknown"
 
-    @cache  # noqa: B019  dialects live as long as the process: load_dialect keeps them
+    @cache  # noqa: B019  # dialects live as long as the process: load_dialect keeps them
     def __getitem__(self, name: str) -> Message:
         told = self._definitions[name]
         return Message(name, told.msgid, told.crc_extra, _layout(name, told))
@@ -145,7 +145,7 @@ def load_dialect(name: str = "all") -> Dialect:
     kept_as = _kept_as(name)
     kept = None if kept_as is None else files_kept.read(kept_as)
     if kept is not None:
-        return Dialect(name, *marshal.loads(kept))  # noqa: S302  nobody else can have written it
+        return Dialect(name, *marshal.loads(kept))  # noqa: S302  # nobody else can have written it
     definitions, enums = _read_pymavlink(name)
     if kept_as is not None:
         files_kept.write(kept_as, marshal.dumps((definitions, enums)))

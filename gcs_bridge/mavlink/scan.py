@@ -19,7 +19,7 @@ Nothing is decided before the bytes that decide it are there: what comes out doe
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -103,11 +103,8 @@ def _crc_tables() -> npt.NDArray[np.uint16]:
 CRC_TABLES = _crc_tables()
 
 
-# Helpers of the kernels carry no types: numba types them anew wherever they are compiled into one.
-
-
 @helper
-def crc_of(buf, start, stop, crc):  # type: ignore[no-untyped-def]  # typed by numba
+def crc_of(buf: Any, start: Any, stop: Any, crc: Any) -> Any:
     """The checksum `crc` gone on over the bytes from `start` up to, and without, `stop`."""
     t = CRC_TABLES
     i = start
@@ -123,13 +120,13 @@ def crc_of(buf, start, stop, crc):  # type: ignore[no-untyped-def]  # typed by n
 
 
 @helper
-def crc_with_byte(crc, byte):  # type: ignore[no-untyped-def]  # typed by numba
+def crc_with_byte(crc: Any, byte: Any) -> Any:
     """The checksum `crc` gone on over one more byte."""
     return (crc >> 8) ^ np.int64(CRC_TABLES[0, (crc ^ byte) & 0xFF])
 
 
 @helper
-def integer_at(buf, at, size):  # type: ignore[no-untyped-def]  # typed by numba
+def integer_at(buf: Any, at: Any, size: Any) -> Any:
     """The little-endian unsigned integer of `size` bytes at `at`."""
     value = np.int64(0)
     for i in range(size):
@@ -138,7 +135,7 @@ def integer_at(buf, at, size):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _head(buf, at, n):  # type: ignore[no-untyped-def]  # typed by numba
+def _head(buf: Any, at: Any, n: Any) -> Any:
     """(header, whole length, id, flags) of a frame that would start at `at`; whole length 0: none, −1: more bytes."""
     if at >= n:
         return 0, -1, 0, 0
@@ -156,7 +153,7 @@ def _head(buf, at, n):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _look(buf, at, n, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # typed by numba
+def _look(buf: Any, at: Any, n: Any, row_of_id: Any, crc_extra: Any) -> Any:
     """(what, header length, whole length, message id) of what stands at `at`."""
     header, whole, msgid, flags = _head(buf, at, n)
     if whole == 0:
@@ -176,7 +173,9 @@ def _look(buf, at, n, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # 
 
 
 @helper
-def _zero_padded(buf, at, header, msgid, row_of_id, crc_extra, field_end, anywhere):  # type: ignore[no-untyped-def]  # typed by numba
+def _zero_padded(
+    buf: Any, at: Any, header: Any, msgid: Any, row_of_id: Any, crc_extra: Any, field_end: Any, anywhere: Any
+) -> Any:
     """Whether the checksum at `at` was taken before the payload's trailing zeros were cut off (some recorders do so).
 
     Each length that is tried lets one bad frame in 65,536 through. So a payload is padded to the end of a field, as
@@ -204,7 +203,7 @@ def _zero_padded(buf, at, header, msgid, row_of_id, crc_extra, field_end, anywhe
 
 
 @helper
-def _time(buf, at):  # type: ignore[no-untyped-def]  # typed by numba
+def _time(buf: Any, at: Any) -> Any:
     """The big-endian time at `at`, µs; −1 where it can be none (behind the year 2100)."""
     value = np.int64(0)
     for i in range(8):
@@ -213,13 +212,13 @@ def _time(buf, at):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _near(time, other):  # type: ignore[no-untyped-def]  # typed by numba
+def _near(time: Any, other: Any) -> Any:
     """Whether two times, both known, lie within a day of each other."""
     return time >= 0 and other >= 0 and abs(time - other) <= _DAY_US
 
 
 @helper
-def _follows(buf, end, n, final, timed, time, last_time, row_of_id):  # type: ignore[no-untyped-def]  # typed by numba
+def _follows(buf: Any, end: Any, n: Any, final: Any, timed: Any, time: Any, last_time: Any, row_of_id: Any) -> Any:
     """1 if another frame (in a recording: record) starts at `end`, 0 if not, −1 if more bytes are needed to tell."""
     at = end + 8 if timed else end
     if n <= at:
@@ -237,7 +236,18 @@ def _follows(buf, end, n, final, timed, time, last_time, row_of_id):  # type: ig
 
 
 @helper
-def _hides_a_frame(buf, start, end, n, final, timed, needs_time, last_time, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # typed by numba
+def _hides_a_frame(
+    buf: Any,
+    start: Any,
+    end: Any,
+    n: Any,
+    final: Any,
+    timed: Any,
+    needs_time: Any,
+    last_time: Any,
+    row_of_id: Any,
+    crc_extra: Any,
+) -> Any:
     """1 if a good frame begins within the bytes that a frame's length claims, 0 if not, −1 if more bytes must tell.
 
     Then the length is wrong. In a recording, where the next record's time speaks for it, the good one must end there
@@ -256,7 +266,7 @@ def _hides_a_frame(buf, start, end, n, final, timed, needs_time, last_time, row_
 
 
 @helper
-def _lacks_a_return(buf, at, header, msgid, row_of_id, crc_extra):  # type: ignore[no-untyped-def]  # typed by numba
+def _lacks_a_return(buf: Any, at: Any, header: Any, msgid: Any, row_of_id: Any, crc_extra: Any) -> Any:
     """Whether a frame that fails passes with a CR put back before one of its LFs."""
     end = at + header + np.int64(buf[at + 1]) - 1  # it is one byte shorter than its length says
     for lf in range(at + 1, end + 1):  # up to the first byte of the checksum
@@ -269,7 +279,7 @@ def _lacks_a_return(buf, at, header, msgid, row_of_id, crc_extra):  # type: igno
 
 
 @helper
-def _pass_byte(buf, at, first, counts):  # type: ignore[no-untyped-def]  # typed by numba
+def _pass_byte(buf: Any, at: Any, first: Any, counts: Any) -> Any:
     """Count the line feeds among the bytes of a gap, whose first one was at `first`."""
     if buf[at] == _LF:
         counts[_LINE_FEEDS] += 1
@@ -277,7 +287,7 @@ def _pass_byte(buf, at, first, counts):  # type: ignore[no-untyped-def]  # typed
 
 
 @helper
-def _digest(buf, start, stop, digest):  # type: ignore[no-untyped-def]  # typed by numba
+def _digest(buf: Any, start: Any, stop: Any, digest: Any) -> Any:
     """A 64-bit hash of the bytes and of what `digest` was, eight bytes at a time; zeros at the end don't count."""
     while stop > start and buf[stop - 1] == 0:  # they are cut off in one version of MAVLink, and not in the other
         stop -= 1
@@ -292,7 +302,7 @@ def _digest(buf, start, stop, digest):  # type: ignore[no-untyped-def]  # typed 
 
 
 @helper
-def _stamped_again(components, mine, digest, seq, time):  # type: ignore[no-untyped-def]  # typed by numba
+def _stamped_again(components: Any, mine: Any, digest: Any, seq: Any, time: Any) -> Any:
     """Whether a frame that has a time in it came with this digest and number within a second; now it did."""
     hashes, times_us = components.stamped_hash, components.stamped_us
     digest ^= np.uint64(seq) << np.uint64(48)
@@ -311,7 +321,7 @@ def _stamped_again(components, mine, digest, seq, time):  # type: ignore[no-unty
 
 
 @helper
-def _admit(frame, components, counts, buf, time, row_of_id, stamped):  # type: ignore[no-untyped-def]  # typed by numba
+def _admit(frame: Any, components: Any, counts: Any, buf: Any, time: Any, row_of_id: Any, stamped: Any) -> Any:
     """Follow the sequence of the frame's component: losses, and repetitions of the same frame within a second.
 
     Under a number that stands still a frame that says the same may be a new one, unless a time is in it: `stamped`, by
@@ -365,24 +375,24 @@ def _admit(frame, components, counts, buf, time, row_of_id, stamped):  # type: i
 
 
 @helper
-def _scan_chunk(  # type: ignore[no-untyped-def]  # typed by numba
-    buf,
-    base,
-    n,
-    final,
-    timed,
-    t_rx_us,
-    row_of_id,
-    crc_extra,
-    field_end,
-    stamped,
-    counts,
-    components,
-    frames,
-    n_frames,
-    gaps,
-    n_gaps,
-):
+def _scan_chunk(
+    buf: Any,
+    base: Any,
+    n: Any,
+    final: Any,
+    timed: Any,
+    t_rx_us: Any,
+    row_of_id: Any,
+    crc_extra: Any,
+    field_end: Any,
+    stamped: Any,
+    counts: Any,
+    components: Any,
+    frames: Any,
+    n_frames: Any,
+    gaps: Any,
+    n_gaps: Any,
+) -> Any:
     """Scan on to the chunk's end `n`; the frames and gaps found so far, with those of before."""
     at = counts[_CURSOR] - base  # a due record's or frame's first byte; in a gap, where a frame may start
     while True:

@@ -5,6 +5,8 @@ So what is paired, and what a pair is worth, cannot depend on how the samples we
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from gcs_bridge.columns import Int64Rows, Int64s
@@ -33,11 +35,8 @@ from gcs_bridge.pairing.values import Limits, PairRows, StepRows, pair_at_once, 
 _LATE_US = 1_000_000  # how far back a late sample may still find a partner at its own instant
 
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
-
 @helper
-def _same_instant(state, k, t):  # type: ignore[no-untyped-def]  # typed by numba
+def _same_instant(state: Any, k: Any, t: Any) -> Any:
     """Position of the sample of stream `k` at exactly `t`, −1 if there is none that still wants its partner.
 
     One that was compared with its neighbours while its partner was overtaken still does.
@@ -56,7 +55,7 @@ def _same_instant(state, k, t):  # type: ignore[no-untyped-def]  # typed by numb
 
 
 @helper
-def _ordered_after(state, k, t):  # type: ignore[no-untyped-def]  # typed by numba
+def _ordered_after(state: Any, k: Any, t: Any) -> Any:
     """Index in `ordered` of the first sample of stream `k` behind `t`; the one before it is at or before `t`."""
     last = state.time.shape[1] - 1
     n = state.of[k, ORDERED]
@@ -67,7 +66,7 @@ def _ordered_after(state, k, t):  # type: ignore[no-untyped-def]  # typed by num
 
 
 @helper
-def _stands_for(state, slower, position, max_gap_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _stands_for(state: Any, slower: Any, position: Any, max_gap_us: Any) -> Any:
     """Time since the slower stream's sample before the one at `position`, three periods at the most.
 
     0 for one that came late: the one behind it stands for its time already.
@@ -86,13 +85,13 @@ def _stands_for(state, slower, position, max_gap_us):  # type: ignore[no-untyped
 
 
 @helper
-def _stamp(came, i):  # type: ignore[no-untyped-def]  # typed by numba
+def _stamp(came: Any, i: Any) -> Any:
     """Whether sample `i` is valid, its frame, and its times."""
     return came.valid[i], came.frame_index[i], came.t_us[i], came.t_rx_us[i]
 
 
 @helper
-def _pair_waiting(state, k, limits, pairs, n):  # type: ignore[no-untyped-def]  # typed by numba
+def _pair_waiting(state: Any, k: Any, limits: Any, pairs: Any, n: Any) -> Any:
     """Pair the waiting samples of the slower stream `k` that the other stream has by now passed."""
     last = state.time.shape[1] - 1
     other = 1 - k

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from gcs_bridge.jit import helper
 from gcs_bridge.pairing.state import BLOCK, EULER, INTERVALS, LATEST, PERIOD, QUATERNION, RX_PERIOD, RX_START, UNKNOWN
 
@@ -9,11 +11,8 @@ _FIRST_BLOCK = 8
 _FASTER = 1.25  # ratio of periods from which a stream counts as the slower one
 
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
-
 @helper
-def _median(values, n):  # type: ignore[no-untyped-def]  # typed by numba
+def _median(values: Any, n: Any) -> Any:
     """The lower median of the first `n` values, which it sorts: they are few."""
     for i in range(1, n):
         value = values[i]
@@ -26,7 +25,7 @@ def _median(values, n):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def follow_period(state, k, t, t_rx):  # type: ignore[no-untyped-def]  # typed by numba
+def follow_period(state: Any, k: Any, t: Any, t_rx: Any) -> Any:
     """Take the interval before a sample into the running estimate of its stream's period: the median of a block."""
     of = state.of[k]
     if of[LATEST] == UNKNOWN:
@@ -46,7 +45,7 @@ def follow_period(state, k, t, t_rx):  # type: ignore[no-untyped-def]  # typed b
 
 
 @helper
-def decide_slower(state):  # type: ignore[no-untyped-def]  # typed by numba
+def decide_slower(state: Any) -> Any:
     """Which stream is the slower one, once both periods are known; it changes only with a clear ratio."""
     euler, quaternion = state.of[0, PERIOD], state.of[1, PERIOD]
     if euler == UNKNOWN or quaternion == UNKNOWN:

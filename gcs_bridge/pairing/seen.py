@@ -6,7 +6,7 @@ never on how the samples were cut into batches.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -132,11 +132,8 @@ class SeenRows(NamedTuple):
     place: Floats
 
 
-# Helpers of the kernels carry no types: numba types them anew wherever they are compiled into one.
-
-
 @helper
-def hear(series, frame_index, t_us, rows, i):  # type: ignore[no-untyped-def]  # typed by numba
+def hear(series: Any, frame_index: Any, t_us: Any, rows: Any, i: Any) -> Any:
     """Take the next attitude, row `i` of `rows`; whether it is later than all before: another is nobody's neighbour."""
     last = series.t_us.size - 1
     n = series.heard[0]
@@ -150,7 +147,7 @@ def hear(series, frame_index, t_us, rows, i):  # type: ignore[no-untyped-def]  #
 
 
 @helper
-def neighbours(series, t_us, max_gap_us):  # type: ignore[no-untyped-def]  # typed by numba
+def neighbours(series: Any, t_us: Any, max_gap_us: Any) -> Any:
     """Positions of the attitudes before and at or behind a time, which one has reached; −1: none near is kept.
 
     One at the very time is the one behind; where nothing is near before it, it is both.
@@ -167,7 +164,7 @@ def neighbours(series, t_us, max_gap_us):  # type: ignore[no-untyped-def]  # typ
 
 
 @helper
-def attitude_between(series, before, behind, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def attitude_between(series: Any, before: Any, behind: Any, t_us: Any) -> Any:
     """Attitude at a time between two positions, the share of the gap that has passed, and the gap, s (rule M18).
 
     Along the shortest way where no rates are reported.
@@ -186,13 +183,13 @@ def attitude_between(series, before, behind, t_us):  # type: ignore[no-untyped-d
 
 
 @helper
-def rates_at(rows, at):  # type: ignore[no-untyped-def]  # typed by numba
+def rates_at(rows: Any, at: Any) -> Any:
     """The rates of an attitude, as `rates_of`."""
     return rates_of(rows[at, 4], rows[at, 5], rows[at, 6])
 
 
 @helper
-def rates_of(x, y, z):  # type: ignore[no-untyped-def]  # typed by numba
+def rates_of(x: Any, y: Any, z: Any) -> Any:
     """Rates as they are; as none those that are no number, or beyond any gyro."""
     most = BEYOND_GYROS_RAD_S
     return where(abs(x) <= most, x, 0.0), where(abs(y) <= most, y, 0.0), where(abs(z) <= most, z, 0.0)
@@ -221,7 +218,7 @@ def choose_reference(
 
 
 @helper
-def _put_down(samples, i, frame_index, t_us, rows, counts):  # type: ignore[no-untyped-def]  # typed by numba
+def _put_down(samples: Any, i: Any, frame_index: Any, t_us: Any, rows: Any, counts: Any) -> Any:
     """Take sample `i`."""
     n = counts[2]
     counts[2] += 1
@@ -259,7 +256,7 @@ def see_kernel(
 
 
 @helper
-def _ask(series, waiting, imu, i, max_gap_us, seen, counts):  # type: ignore[no-untyped-def]  # typed by numba
+def _ask(series: Any, waiting: Any, imu: Any, i: Any, max_gap_us: Any, seen: Any, counts: Any) -> Any:
     """Ask about an inertial sample."""
     at = wait(series, waiting, imu.frame_index[i], imu.t_us[i])
     if at < 0:
@@ -274,14 +271,14 @@ def _ask(series, waiting, imu, i, max_gap_us, seen, counts):  # type: ignore[no-
 
 
 @helper
-def latest_us(series):  # type: ignore[no-untyped-def]  # typed by numba
+def latest_us(series: Any) -> Any:
     """When the latest attitude was, −1: there was none yet."""
     n = series.heard[0]
     return series.t_us[(n - 1) & (series.t_us.size - 1)] if n else np.int64(-1)
 
 
 @helper
-def wait(series, waiting, frame_index, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def wait(series: Any, waiting: Any, frame_index: Any, t_us: Any) -> Any:
     """Let a question wait: its place, at which the caller puts its row down, or −1 where it came too late."""
     if latest_us(series) - t_us > _LATE_US:
         return -1
@@ -294,7 +291,7 @@ def wait(series, waiting, frame_index, t_us):  # type: ignore[no-untyped-def]  #
 
 
 @helper
-def _drop_first(waiting):  # type: ignore[no-untyped-def]  # typed by numba
+def _drop_first(waiting: Any) -> Any:
     """Give up the oldest question."""
     waiting.left[0] -= 1
     for at in range(waiting.left[0]):
@@ -302,7 +299,7 @@ def _drop_first(waiting):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _move(waiting, at, to):  # type: ignore[no-untyped-def]  # typed by numba
+def _move(waiting: Any, at: Any, to: Any) -> Any:
     """Put a question in another place."""
     waiting.frame_index[to], waiting.t_us[to] = waiting.frame_index[at], waiting.t_us[at]
     for column in range(waiting.rows.shape[1]):
@@ -310,7 +307,7 @@ def _move(waiting, at, to):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def take_waiting(waiting):  # type: ignore[no-untyped-def]  # typed by numba
+def take_waiting(waiting: Any) -> Any:
     """How many questions wait: each is to be given to `reached`, in turn, which lets it wait on or not."""
     n = waiting.left[0]
     waiting.left[0] = 0
@@ -318,7 +315,7 @@ def take_waiting(waiting):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def reached(series, waiting, at, max_gap_us):  # type: ignore[no-untyped-def]  # typed by numba
+def reached(series: Any, waiting: Any, at: Any, max_gap_us: Any) -> Any:
     """Positions of the neighbours of a question that the latest attitude has reached; −1: of another, which waits on.
 
     −1 too where none is near, and where one that is as late, or later, was answered before.
@@ -338,7 +335,7 @@ def reached(series, waiting, at, max_gap_us):  # type: ignore[no-untyped-def]  #
 
 
 @helper
-def _answer_waiting(series, waiting, frame_index, max_gap_us, seen, counts):  # type: ignore[no-untyped-def]  # typed by numba
+def _answer_waiting(series: Any, waiting: Any, frame_index: Any, max_gap_us: Any, seen: Any, counts: Any) -> Any:
     """Put the samples down whose attitude is known with the frame `frame_index`."""
     for at in range(take_waiting(waiting)):
         before, behind = reached(series, waiting, at, max_gap_us)
@@ -347,7 +344,7 @@ def _answer_waiting(series, waiting, frame_index, max_gap_us, seen, counts):  # 
 
 
 @helper
-def _see(series, before, behind, waiting, at, frame_index, seen, counts):  # type: ignore[no-untyped-def]  # typed by numba
+def _see(series: Any, before: Any, behind: Any, waiting: Any, at: Any, frame_index: Any, seen: Any, counts: Any) -> Any:
     """Put a sample down, with the attitude at its time."""
     t_us, n, row = waiting.t_us[at], counts[3], waiting.rows[at]
     last = series.t_us.size - 1

@@ -5,7 +5,7 @@ A sample is kept by its position, the count of those before it: its place in the
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -101,23 +101,20 @@ class Came(NamedTuple):
     valid: Mask
 
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
-
 @helper
-def three(row, at):  # type: ignore[no-untyped-def]  # typed by numba
+def three(row: Any, at: Any) -> Any:
     """Three numbers of a row."""
     return row[at], row[at + 1], row[at + 2]
 
 
 @helper
-def four(row, at):  # type: ignore[no-untyped-def]  # typed by numba
+def four(row: Any, at: Any) -> Any:
     """Four numbers of a row."""
     return row[at], row[at + 1], row[at + 2], row[at + 3]
 
 
 @helper
-def keep(state, k, position, came, i):  # type: ignore[no-untyped-def]  # typed by numba
+def keep(state: Any, k: Any, position: Any, came: Any, i: Any) -> Any:
     """Remember sample `i`, of which no step is known yet."""
     at = position & (state.time.shape[1] - 1)
     row = state.rows[k, at]

@@ -5,7 +5,7 @@ Of neighbouring samples the faster stream is interpolated (rule M18); a step is 
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -82,11 +82,8 @@ class Limits(NamedTuple):
     per_rate_s: float
 
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
-
 @helper
-def step_to(state, k, position, frame_index, limits, steps, n):  # type: ignore[no-untyped-def]  # typed by numba
+def step_to(state: Any, k: Any, position: Any, frame_index: Any, limits: Any, steps: Any, n: Any) -> Any:
     """Put down the step from the stream's latest sample to the one at `position`; how many steps there are then."""
     last = state.time.shape[1] - 1
     row, before = state.rows[k, position & last], state.latest[k]
@@ -114,7 +111,7 @@ def step_to(state, k, position, frame_index, limits, steps, n):  # type: ignore[
 
 
 @helper
-def _begin_pair(state, slower, sample, row, pairs, n):  # type: ignore[no-untyped-def]  # typed by numba
+def _begin_pair(state: Any, slower: Any, sample: Any, row: Any, pairs: Any, n: Any) -> Any:
     """What every pair has, whatever its partner: time, and the slower stream's own attitude."""
     pairs.t_boot_us[n] = state.time[slower, sample & (state.time.shape[1] - 1)]
     q = pairs.q_euler if slower == EULER else pairs.q_quaternion
@@ -123,13 +120,13 @@ def _begin_pair(state, slower, sample, row, pairs, n):  # type: ignore[no-untype
 
 
 @helper
-def _resend(pairs, n, row):  # type: ignore[no-untyped-def]  # typed by numba
+def _resend(pairs: Any, n: Any, row: Any) -> Any:
     """Put back into the Euler side what was expected of its sample."""
     put(product(four(pairs.q_euler[n], 0), four(row, APPLIED)), pairs.q_euler_sent, n)
 
 
 @helper
-def pair_at_once(state, slower, sample, partner, limits, pairs, n):  # type: ignore[no-untyped-def]  # typed by numba
+def pair_at_once(state: Any, slower: Any, sample: Any, partner: Any, limits: Any, pairs: Any, n: Any) -> Any:
     """A pair of one instant; the rates of both are compared, unless one reports none and sends zeros."""
     last = state.time.shape[1] - 1
     row, other = state.rows[slower, sample & last], state.rows[1 - slower, partner & last]
@@ -150,7 +147,7 @@ def pair_at_once(state, slower, sample, partner, limits, pairs, n):  # type: ign
 
 
 @helper
-def pair_between(state, slower, sample, before, after, limits, pairs, n):  # type: ignore[no-untyped-def]  # typed by numba
+def pair_between(state: Any, slower: Any, sample: Any, before: Any, after: Any, limits: Any, pairs: Any, n: Any) -> Any:
     """A pair with the faster stream interpolated between two of its samples (rule M18), and the bound of that."""
     last = state.time.shape[1] - 1
     row, fast = state.rows[slower, sample & last], 1 - slower

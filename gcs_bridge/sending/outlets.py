@@ -107,7 +107,7 @@ class UdpOutlet(_UdpOutlet):
             except OSError:  # its buffer is full, or the network has gone for now
                 self.dropped += 1
 
-    def run(self, now_s: float) -> list[Heard]:  # noqa: ARG002
+    def run(self, now_s: float) -> list[Heard]:  # noqa: ARG002  # it has nothing to try again later
         return [Heard((), data, datagram=True) for data, _ in self._received()]
 
 
@@ -228,7 +228,7 @@ class TcpServerOutlet(Outlet):
     def descriptors(self) -> list[int]:
         return [self._socket.fileno(), *(stream.socket.fileno() for stream in self._stations.values())]
 
-    def run(self, now_s: float) -> list[Heard]:  # noqa: ARG002
+    def run(self, now_s: float) -> list[Heard]:  # noqa: ARG002  # it has nothing to try again later
         with contextlib.suppress(OSError):
             while True:
                 connection, station = self._socket.accept()

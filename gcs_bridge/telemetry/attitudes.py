@@ -5,6 +5,8 @@ Their speeds are body rates in rad/s (MAVLink common.xml).
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from gcs_bridge.attitude.compiled import put
@@ -39,11 +41,8 @@ _RATES = ("rollspeed", "pitchspeed", "yawspeed")
 _NO_EULER, _NO_QUATERNION = no_attitudes(ATTITUDE), no_attitudes(ATTITUDE_QUATERNION)
 
 
-# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
-
-
 @helper
-def _payload(frames, buffer, held, row):  # type: ignore[no-untyped-def]  # typed by numba
+def _payload(frames: Any, buffer: Any, held: Any, row: Any) -> Any:
     """Where the payload of a timed message is: in the batch, or `held` of a batch before."""
     if row < 0:
         return held, np.int64(0), np.int64(held.size)
@@ -51,7 +50,7 @@ def _payload(frames, buffer, held, row):  # type: ignore[no-untyped-def]  # type
 
 
 @helper
-def turn_of_rpy(rpy_rad, q_nb, n):  # type: ignore[no-untyped-def]  # typed by numba
+def turn_of_rpy(rpy_rad: Any, q_nb: Any, n: Any) -> Any:
     """Put down the quaternion of roll, pitch, yaw as sent: intrinsic Z-Y-X (M11), in any range; whether it is one."""
     roll, pitch, yaw = rpy_rad[n, 0], rpy_rad[n, 1], rpy_rad[n, 2]
     put(quaternion_of_rpy(roll, pitch, yaw), q_nb, n)

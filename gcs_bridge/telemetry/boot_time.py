@@ -7,6 +7,8 @@ is new, is no boot of its own, and is not used.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from gcs_bridge.jit import helper
@@ -61,11 +63,8 @@ CLOCK = np.dtype(
 )
 
 
-# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
-
-
 @helper
-def _goes_on(clock, step_us, silence_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _goes_on(clock: Any, step_us: Any, silence_us: Any) -> Any:
     """Whether a step of the time needs no closer look: the common case."""
     if clock.doubted_us >= 0 or not -REORDER_US <= step_us <= JUMP_US:
         return False
@@ -73,7 +72,7 @@ def _goes_on(clock, step_us, silence_us):  # type: ignore[no-untyped-def]  # typ
 
 
 @helper
-def _is_of_earlier(clock, own_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _is_of_earlier(clock: Any, own_us: Any) -> Any:
     """Whether a message goes on where the boot before had come to; not where nothing else has come for some time."""
     if clock.earlier_us < 0 or not -_EARLIER_US <= own_us - clock.earlier_us <= JUMP_US:
         return False
@@ -86,7 +85,7 @@ def _is_of_earlier(clock, own_us):  # type: ignore[no-untyped-def]  # typed by n
 
 
 @helper
-def _follow_rival(clock, own_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _follow_rival(clock: Any, own_us: Any) -> Any:
     """How many messages have told of another clock that goes on, whatever came between."""
     if clock.rivals and 0 <= own_us - clock.rival_us <= JUMP_US:
         clock.rivals += own_us > clock.rival_us
@@ -97,7 +96,7 @@ def _follow_rival(clock, own_us):  # type: ignore[no-untyped-def]  # typed by nu
 
 
 @helper
-def start_boot(clock, latest_us):  # type: ignore[no-untyped-def]  # typed by numba
+def start_boot(clock: Any, latest_us: Any) -> Any:
     """The vehicle has started anew."""
     clock.boot += 1
     clock.earlier_us = latest_us % WRAP_US if latest_us >= 0 else -1
@@ -106,7 +105,7 @@ def start_boot(clock, latest_us):  # type: ignore[no-untyped-def]  # typed by nu
 
 
 @helper
-def read_time(clock, message, ms, rx_us):  # type: ignore[no-untyped-def]  # typed by numba
+def read_time(clock: Any, message: Any, ms: Any, rx_us: Any) -> Any:
     """Take the next message: what it does to the clock, its time, how far that steps; the time of the one in doubt.
 
     The first message behind a reboot, or behind a jump, is not believed before a second one confirms it; −1 where that

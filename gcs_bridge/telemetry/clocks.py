@@ -7,7 +7,7 @@ came before and at nothing else, so a live link and a recording, in pieces of an
 from __future__ import annotations
 
 from functools import cache
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -63,18 +63,17 @@ class TimedMessages(NamedTuple):
     held: Bytes
 
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
-
 @helper
-def _doubt(clock, frame, message, row, received, in_window):  # type: ignore[no-untyped-def]  # typed by numba
+def _doubt(clock: Any, frame: Any, message: Any, row: Any, received: Any, in_window: Any) -> Any:
     """Keep what is to be known of a message, should it be believed after all."""
     clock.message, clock.row, clock.received, clock.in_window = message, row, received, in_window
     clock.t_rx_us, clock.lost = frame.t_rx_us, frame.lost
 
 
 @helper
-def _note(changes, n, frame_index, t_rx_us, boot, kind, t_boot_us, step_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _note(
+    changes: Any, n: Any, frame_index: Any, t_rx_us: Any, boot: Any, kind: Any, t_boot_us: Any, step_us: Any
+) -> Any:
     """Put down a change of the clock; return how many there are."""
     changes[n, 0], changes[n, 1], changes[n, 2] = frame_index, t_rx_us, boot
     changes[n, 3], changes[n, 4], changes[n, 5] = kind, t_boot_us, step_us
@@ -82,7 +81,18 @@ def _note(changes, n, frame_index, t_rx_us, boot, kind, t_boot_us, step_us):  # 
 
 
 @helper
-def _believe(timed, n, frame_index, message, row, boot, t_boot_us, t_rx_us, lost, received):  # type: ignore[no-untyped-def]  # typed by numba
+def _believe(
+    timed: Any,
+    n: Any,
+    frame_index: Any,
+    message: Any,
+    row: Any,
+    boot: Any,
+    t_boot_us: Any,
+    t_rx_us: Any,
+    lost: Any,
+    received: Any,
+) -> Any:
     timed[FRAME_INDEX, n], timed[MESSAGE, n], timed[ROW, n], timed[BOOT, n] = frame_index, message, row, boot
     timed[T_BOOT_US, n], timed[T_RX_US, n], timed[LOST, n], timed[RECEIVED, n] = t_boot_us, t_rx_us, lost, received
 

@@ -8,7 +8,7 @@ for, counts whole.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from gcs_bridge.columns import Int64s
 from gcs_bridge.jit import helper
@@ -37,19 +37,19 @@ class LinkClock(NamedTuple):
 
 
 @helper
-def pass_time(latest_us, t_rx_us):  # type: ignore[no-untyped-def]  # typed by numba
+def pass_time(latest_us: Any, t_rx_us: Any) -> Any:
     """The receive time so far: record times that run back a little don't turn it back, a clock set back does."""
     return t_rx_us if latest_us - t_rx_us > SET_BACK_US else max(latest_us, t_rx_us)
 
 
 @helper
-def heard_between(latest_us, t_rx_us):  # type: ignore[no-untyped-def]  # typed by numba
+def heard_between(latest_us: Any, t_rx_us: Any) -> Any:
     """How long the link was heard from one receive time to the next."""
     return min(max(t_rx_us - latest_us, 0), HEARD_US) if latest_us >= 0 else 0
 
 
 @helper
-def first_beyond(times_us, since, until, limit_us):  # type: ignore[no-untyped-def]  # typed by numba
+def first_beyond(times_us: Any, since: Any, until: Any, limit_us: Any) -> Any:
     """The first of the rows from `since` up to, and without, `until` whose time is beyond a limit; `until`: none is."""
     if until <= since or times_us[until - 1] <= limit_us:
         return until

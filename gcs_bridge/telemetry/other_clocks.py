@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from gcs_bridge.jit import helper
@@ -18,7 +20,7 @@ SAME_CLOCK_US = 1_000_000
 
 
 @helper
-def on_boot_clock(offset, boot, t_us, latest_us):  # type: ignore[no-untyped-def]  # typed by numba
+def on_boot_clock(offset: Any, boot: Any, t_us: Any, latest_us: Any) -> Any:
     """The boot time, µs, of a message at `t_us` on its own clock (`time_usec`), when the boot clock said `latest_us`.
 
     A clock that is near the boot clock at first is the boot clock: others count from 1970, or from a start seconds to

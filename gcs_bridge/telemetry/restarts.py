@@ -7,7 +7,7 @@ heartbeat that says that it boots.
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -59,11 +59,8 @@ def other_times(dialect: Dialect) -> OtherTimes:
     return OtherTimes(row_of_id, *columns)
 
 
-# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
-
-
 @helper
-def suspect_restart(clock, frame, rx_us):  # type: ignore[no-untyped-def]  # typed by numba
+def suspect_restart(clock: Any, frame: Any, rx_us: Any) -> Any:
     """Whether the vehicle has restarted, as its frames alone show; whether it may have is kept."""
     seq, silent_us = np.int64(frame.seq), max(rx_us - clock.frame_rx_us, 0) if clock.frame_rx_us >= 0 else 0
     if clock.restarting:
@@ -80,14 +77,14 @@ def suspect_restart(clock, frame, rx_us):  # type: ignore[no-untyped-def]  # typ
 
 
 @helper
-def _begin_restart(clock, frame):  # type: ignore[no-untyped-def]  # typed by numba
+def _begin_restart(clock: Any, frame: Any) -> Any:
     """From here on it may have restarted."""
     clock.restarting, clock.restarting_us = True, 0
     clock.restart_lost, clock.restart_came = frame.lost, 0
 
 
 @helper
-def hear_status(clock, status, frame):  # type: ignore[no-untyped-def]  # typed by numba
+def hear_status(clock: Any, status: Any, frame: Any) -> Any:
     """Take the MAV_STATE of the next heartbeat: what did not boot before, and does now, has restarted."""
     if status <= _BOOT < clock.status:
         if not clock.restarting:
@@ -97,7 +94,7 @@ def hear_status(clock, status, frame):  # type: ignore[no-untyped-def]  # typed 
 
 
 @helper
-def hear_witness(clock, witness, frame, own_us, rx_us):  # type: ignore[no-untyped-def]  # typed by numba
+def hear_witness(clock: Any, witness: Any, frame: Any, own_us: Any, rx_us: Any) -> Any:
     """What a message with another time than the clock's own says of it, as `read_time` does, −1: nothing."""
     witness.t_us = own_us
     if clock.latest_us < 0:

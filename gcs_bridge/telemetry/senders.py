@@ -8,7 +8,7 @@ numbered apart are no sign by themselves: a vehicle numbers them apart on each o
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -105,11 +105,8 @@ class SenderSign(NamedTuple):
     times: int
 
 
-# Helpers of the kernel carry no types: numba types them anew wherever they are compiled into it.
-
-
 @helper
-def _count(state, sign):  # type: ignore[no-untyped-def]  # typed by numba
+def _count(state: Any, sign: Any) -> Any:
     """Once more it went back to where it had been."""
     if abs(state.now_us - state.seen_us[sign]) > _IDLE_US[sign]:
         state.times[sign] = state.misses[sign] = 0
@@ -119,7 +116,7 @@ def _count(state, sign):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _fits(state, track, ms):  # type: ignore[no-untyped-def]  # typed by numba
+def _fits(state: Any, track: Any, ms: Any) -> Any:
     """Whether a clock goes on with this time."""
     if state.ms[track] < 0:
         return False
@@ -129,7 +126,7 @@ def _fits(state, track, ms):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _follow_clock(state, message, ms, rx_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _follow_clock(state: Any, message: Any, ms: Any, rx_us: Any) -> Any:
     """Take the next time of a message."""
     since = message * _TRACKS
     on = since + state.clock[message]
@@ -155,7 +152,7 @@ def _follow_clock(state, message, ms, rx_us):  # type: ignore[no-untyped-def]  #
 
 
 @helper
-def _count_clocks(state, left, track, ms):  # type: ignore[no-untyped-def]  # typed by numba
+def _count_clocks(state: Any, left: Any, track: Any, ms: Any) -> Any:
     """It went from one clock back to another: see how far they are apart, and whether they last together."""
     there_us = state.ms[left] * 1000 + max(state.now_us - state.heard_us[left], 0)
     apart_us = there_us - ms * 1000
@@ -177,13 +174,13 @@ def _count_clocks(state, left, track, ms):  # type: ignore[no-untyped-def]  # ty
 
 
 @helper
-def _turn_rad(track, q):  # type: ignore[no-untyped-def]  # typed by numba
+def _turn_rad(track: Any, q: Any) -> Any:
     """The angle from a track's attitude to another."""
     return angle_of(product(conjugated((track[0], track[1], track[2], track[3])), q))
 
 
 @helper
-def _off_rad(track, q, w, ms):  # type: ignore[no-untyped-def]  # typed by numba
+def _off_rad(track: Any, q: Any, w: Any, ms: Any) -> Any:
     """How far an attitude is from where the rates at both ends bring the track's."""
     half_s = 0.5e-3 * (ms - track[7])
     turn = half_s * (track[4] + w[0]), half_s * (track[5] + w[1]), half_s * (track[6] + w[2])
@@ -192,14 +189,14 @@ def _off_rad(track, q, w, ms):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _reach_rad(track, w, ms, sudden_rad_s2):  # type: ignore[no-untyped-def]  # typed by numba
+def _reach_rad(track: Any, w: Any, ms: Any, sudden_rad_s2: Any) -> Any:
     """How far one may have turned from a track's attitude."""
     h_s = abs(ms - track[7]) * 1e-3
     return _SLACK_RAD + (length((track[4], track[5], track[6])) + length(w)) * h_s + 0.25 * sudden_rad_s2 * h_s * h_s
 
 
 @helper
-def _follow_attitude(state, tracks, stream, q, w, ms):  # type: ignore[no-untyped-def]  # typed by numba
+def _follow_attitude(state: Any, tracks: Any, stream: Any, q: Any, w: Any, ms: Any) -> Any:
     """Take the next attitude of a stream. Rows of `tracks`: q, body rates, time; all NaN where there is none."""
     mine, on = tracks[stream], state.attitude[stream]
     best, free, off_rad = -1, on, np.inf
@@ -232,7 +229,7 @@ def _follow_attitude(state, tracks, stream, q, w, ms):  # type: ignore[no-untype
 
 
 @helper
-def _follow_said(state, place, sign, said):  # type: ignore[no-untyped-def]  # typed by numba
+def _follow_said(state: Any, place: Any, sign: Any, said: Any) -> Any:
     """Take what the next heartbeat says, as a number; the two things said last are in 2·place and behind it."""
     here = 2 * place + state.says[place]
     there = 2 * place + 1 - state.says[place]
@@ -246,7 +243,7 @@ def _follow_said(state, place, sign, said):  # type: ignore[no-untyped-def]  # t
 
 
 @helper
-def _follow_version(state, version, seq, attitude):  # type: ignore[no-untyped-def]  # typed by numba
+def _follow_version(state: Any, version: Any, seq: Any, attitude: Any) -> Any:
     """Take the next frame's version, 0 or 1, and number; `attitude`: whether it carries one."""
     if version != state.version and state.seq[version] >= 0:
         ahead, ahead_of_other = (seq - state.seq[version]) & 0xFF, (seq - state.seq[1 - version]) & 0xFF
@@ -259,7 +256,7 @@ def _follow_version(state, version, seq, attitude):  # type: ignore[no-untyped-d
 
 
 @helper
-def _stands(state, sign):  # type: ignore[no-untyped-def]  # typed by numba
+def _stands(state: Any, sign: Any) -> Any:
     """Whether a sign was seen often enough, of late."""
     if state.times[sign] < _NEEDED[sign] or abs(state.now_us - state.seen_us[sign]) > _IDLE_US[sign]:
         return False
@@ -271,7 +268,7 @@ def _stands(state, sign):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _version(frame, buffer):  # type: ignore[no-untyped-def]  # typed by numba
+def _version(frame: Any, buffer: Any) -> Any:
     """0 of a frame of MAVLink 1, 1 of MAVLink 2: the latter's header is longer, and numbered at another place."""
     if frame.payload < 6 or buffer[frame.payload - 6] != _V1:
         return 1
@@ -280,7 +277,7 @@ def _version(frame, buffer):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _tell(state, what, frame_index, signs, n):  # type: ignore[no-untyped-def]  # typed by numba
+def _tell(state: Any, what: Any, frame_index: Any, signs: Any, n: Any) -> Any:
     """Put down what is to be told with an attitude's frame; how many signs there are then."""
     times = 0
     for sign in range(_SIGNS):

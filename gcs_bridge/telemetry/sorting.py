@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -97,16 +97,13 @@ class SortedFrames(NamedTuple):
         return self.by_message[share.starts[kind] : share.starts[kind + 1]]
 
 
-# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
-
-
 @helper
-def _key(frame):  # type: ignore[no-untyped-def]  # typed by numba
+def _key(frame: Any) -> Any:
     return np.int64(frame.sysid) * 256 + np.int64(frame.compid)
 
 
 @helper
-def _forget(share, shares, share_of):  # type: ignore[no-untyped-def]  # typed by numba
+def _forget(share: Any, shares: Any, share_of: Any) -> Any:
     for mine in range(shares):
         share_of[share[mine, _KEY]] = -1
 

@@ -116,7 +116,7 @@ class StepSignal:
 
 
 @helper
-def held_at(steps, frame_index):  # type: ignore[no-untyped-def]  # typed by numba
+def held_at(steps: Any, frame_index: Any) -> Any:
     """As `StepSignal.at`, in a kernel that is given its `steps`: the value that held when one frame came."""
     frame_indices, values = steps
     row = frame_indices.size - 1

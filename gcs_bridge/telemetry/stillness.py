@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from gcs_bridge.columns import Floats, Int64s, Mask
@@ -70,7 +72,7 @@ def rest_at(
 
 
 @helper
-def _holds(since, frame_index, at):  # type: ignore[no-untyped-def]  # typed by numba
+def _holds(since: Any, frame_index: Any, at: Any) -> Any:
     """Which value holds when a frame comes: the one at place `at`, or a later one."""
     while at + 1 < since.size and since[at + 1] <= frame_index:
         at += 1

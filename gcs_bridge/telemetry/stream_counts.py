@@ -38,11 +38,8 @@ _COUNT = np.dtype(
 )
 
 
-# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
-
-
 @helper
-def _count(of, t_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _count(of: Any, t_us: Any) -> Any:
     """Count a sample by its time; return how far it lies behind all before it (below zero: it came late)."""
     of.count += 1
     step_us = t_us - of.latest_us if of.began else 0
@@ -60,7 +57,7 @@ def _count(of, t_us):  # type: ignore[no-untyped-def]  # typed by numba
 
 
 @helper
-def _count_receipt(of, step_us, t_rx_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _count_receipt(of: Any, step_us: Any, t_rx_us: Any) -> Any:
     """Count the interval before a sample by its receive time; `step_us`: by its own."""
     rx_step_us = t_rx_us - of.rx_us
     of.standing += of.count > 1 and step_us == 0
@@ -71,7 +68,7 @@ def _count_receipt(of, step_us, t_rx_us):  # type: ignore[no-untyped-def]  # typ
 
 
 @helper
-def _count_losses(of, step_us, period_us, frames_lost):  # type: ignore[no-untyped-def]  # typed by numba
+def _count_losses(of: Any, step_us: Any, period_us: Any, frames_lost: Any) -> Any:
     """Count missing samples: as many as the interval has room for, and no more than the sequence misses frames."""
     if not of.follows_losses:
         of.follows_losses, of.last_lost = True, frames_lost
@@ -188,6 +185,5 @@ class StreamCount:
 def _rate_hz(of: dict[str, Any]) -> float | None:
     if 2 * of["standing"] > of["count"]:
         return of["rx_intervals"] / of["rx_spent_us"] * US_PER_S if of["rx_intervals"] else None
-    if of["intervals"]:
-        return of["intervals"] / of["spent_us"] * US_PER_S  # type: ignore[no-any-return]
-    return of["silences"] / of["silent_us"] * US_PER_S if of["silences"] else None
+    name, spent = ("intervals", "spent_us") if of["intervals"] else ("silences", "silent_us")
+    return of[name] / of[spent] * US_PER_S if of[name] else None

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from operator import itemgetter
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -92,24 +92,21 @@ class StreamChange(NamedTuple):
         return self.what in ("stale", "stands")
 
 
-# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
-
-
 @helper
-def _deadline_us(of, period_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _deadline_us(of: Any, period_us: Any) -> Any:
     """After how long a silence a stream of this period is stale."""
     return np.int64(np.rint(max(of.shortest_us, of.stale_periods * period_us)))
 
 
 @helper
-def _rx_deadline_us(of, k):  # type: ignore[no-untyped-def]  # typed by numba
+def _rx_deadline_us(of: Any, k: Any) -> Any:
     """The same on receive time."""
     stream = of.stream[k]
     return _deadline_us(of, stream.rx_period_us if stream.rx_period_us >= 0 else stream.period_us)
 
 
 @helper
-def _write(changes, n, frame_index, k, what, t_us, ago_us, silent_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _write(changes: Any, n: Any, frame_index: Any, k: Any, what: Any, t_us: Any, ago_us: Any, silent_us: Any) -> Any:
     """Put down a change; return how many there are."""
     changes[n, 0], changes[n, 1], changes[n, 2] = frame_index, k, what
     changes[n, 3], changes[n, 4], changes[n, 5] = t_us, ago_us, silent_us
@@ -117,7 +114,7 @@ def _write(changes, n, frame_index, k, what, t_us, ago_us, silent_us):  # type: 
 
 
 @helper
-def _go_stale(of, k, what, at_us, frame_index, ago_us, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+def _go_stale(of: Any, k: Any, what: Any, at_us: Any, frame_index: Any, ago_us: Any, changes: Any, n: Any) -> Any:
     """Stream `k` is stale from `at_us` on, or stands; looking back, it was not alive from its last sample on."""
     stream = of.stream[k]
     stream.alive = False
@@ -128,7 +125,7 @@ def _go_stale(of, k, what, at_us, frame_index, ago_us, changes, n):  # type: ign
 
 
 @helper
-def _pass_silence(of, first, heard_us, until, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+def _pass_silence(of: Any, first: Any, heard_us: Any, until: Any, changes: Any, n: Any) -> Any:
     """Streams whose deadline passes while the link is heard, and nothing timed of the vehicle came, are stale.
 
     `heard_us` of the link's frames from the index `first` on; looked at are those before row `until`.
@@ -147,7 +144,7 @@ def _pass_silence(of, first, heard_us, until, changes, n):  # type: ignore[no-un
 
 
 @helper
-def _find_pause(of, t_boot_us, t_rx_us, heard_us, frame_index, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+def _find_pause(of: Any, t_boot_us: Any, t_rx_us: Any, heard_us: Any, frame_index: Any, changes: Any, n: Any) -> Any:
     """Behind a silence of the whole link in which less time passed on the vehicle than here, the receiver paused."""
     if of.latest_rx_us < 0:
         return n
@@ -160,7 +157,7 @@ def _find_pause(of, t_boot_us, t_rx_us, heard_us, frame_index, changes, n):  # t
 
 
 @helper
-def _pass_deadlines(of, frame_index, except_stream, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+def _pass_deadlines(of: Any, frame_index: Any, except_stream: Any, changes: Any, n: Any) -> Any:
     """Streams whose deadline has passed on the vehicle's clock are stale, or missing."""
     for k in range(2):
         stream = of.stream[k]
@@ -176,7 +173,7 @@ def _pass_deadlines(of, frame_index, except_stream, changes, n):  # type: ignore
 
 
 @helper
-def _hear(of, k, t_us, heard_us, frame_index, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+def _hear(of: Any, k: Any, t_us: Any, heard_us: Any, frame_index: Any, changes: Any, n: Any) -> Any:
     """A sample of stream `k` came."""
     stream = of.stream[k]
     if t_us != stream.stamp_us:

@@ -8,7 +8,7 @@ message, whether the vehicle was away for so long, or its receiver paused.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -45,18 +45,15 @@ _PRESENCE = np.dtype(
 )
 
 
-# Helpers of kernels carry no types: numba types them anew wherever they are compiled into one.
-
-
 @helper
-def _write(changes, n, frame_index, lost, t_rx_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _write(changes: Any, n: Any, frame_index: Any, lost: Any, t_rx_us: Any) -> Any:
     """Put down a change; return how many there are."""
     changes[n, 0], changes[n, 1], changes[n, 2] = frame_index, lost, t_rx_us
     return n + 1
 
 
 @helper
-def _was_away(of, boot, t_boot_us):  # type: ignore[no-untyped-def]  # typed by numba
+def _was_away(of: Any, boot: Any, t_boot_us: Any) -> Any:
     """Whether the vehicle's clock has gone on for so long that it was lost; one that began anew does not tell."""
     if of.t_boot_us < 0 or of.boot != boot:
         return True
@@ -64,7 +61,7 @@ def _was_away(of, boot, t_boot_us):  # type: ignore[no-untyped-def]  # typed by 
 
 
 @helper
-def _tell_away(of, frame_index, changes, n):  # type: ignore[no-untyped-def]  # typed by numba
+def _tell_away(of: Any, frame_index: Any, changes: Any, n: Any) -> Any:
     """It was lost in the silence of the link, and came back with it."""
     n = _write(changes, n, frame_index, 1, of.away_us + LOST_AFTER_US)
     n = _write(changes, n, frame_index, 0, of.back_us)

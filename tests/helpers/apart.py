@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
@@ -87,9 +88,9 @@ class Apart:
         """(record time, frame) of so many seconds."""
         sender, found = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), list[Record]()
 
-        def send(ms: int, message: object) -> None:
+        def send(ms: int, message: Any) -> None:
             sender.seq = len(found) % 256
-            found.append((wire.START_US + 1000 * ms, bytes(message.pack(sender))))  # type: ignore[attr-defined]
+            found.append((wire.START_US + 1000 * ms, bytes(message.pack(sender))))
 
         boot_ms, beat = round(1000 * BOOT_S), 0
         for tick in range(int(seconds * self.hz)):

@@ -311,7 +311,7 @@ def running(folder: Path, name: str, device: str | None = None) -> Iterator[int]
     """A program of this name, which holds `device`; its process."""
     program = folder / name
     shutil.copy(shutil.which("sleep") or "/bin/sleep", program)
-    holding = open(device) if device else contextlib.nullcontext()  # noqa: PTH123, SIM115
+    holding = open(device) if device else contextlib.nullcontext()  # noqa: PTH123, SIM115  # a device by its name, closed by `with`
     with holding as stdin, subprocess.Popen([program, "60"], stdin=stdin or subprocess.DEVNULL) as process:
         try:
             comm = Path(f"/proc/{process.pid}/comm")

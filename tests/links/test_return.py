@@ -11,6 +11,7 @@ import threading
 import time
 import tty
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,11 @@ from gcs_bridge.mavlink.scanner import RawFrame
 from tests.helpers.live_links import Event, Live, fixture, frames_of, free_port, paced, recorder, wait_until
 
 SPEED = 15.0
+
+
+def has_told(live: Live, name: str, times: int) -> bool:
+    """Whether an event has come so often."""
+    return live.names().count(name) == times
 
 
 def alarms(events: Sequence[Event]) -> list[tuple[Any, ...]]:
@@ -98,7 +104,7 @@ def test_a_link_that_goes_and_returns_twenty_times(kind: str, tmp_path: Path) ->
                 server.serve(piece, SPEED)
             else:
                 client_of(server.port, piece, SPEED)
-            wait_until(lambda count=count: live.names().count("link_down") == count)  # type: ignore[misc]
+            wait_until(partial(has_told, live, "link_down", count))
         assert abs(open_files() - before) <= 1
     record.close()
     assert ups_and_downs(live) == ["link_up", "link_down"] * 21
@@ -163,6 +169,10 @@ class Seen:
     def take(self, _link: int | str, frames: Sequence[RawFrame]) -> None:
         self.data += [frame.data for frame in frames]
 
+    def has(self, count: int) -> bool:
+        """Whether so many have come."""
+        return len(self.data) == count
+
 
 @contextlib.contextmanager
 def plugged_in(device: Path) -> Iterator[int]:
@@ -190,12 +200,12 @@ def test_a_serial_device_that_is_unplugged_and_back(tmp_path: Path) -> None:
         live = Live(open_link(parse_uri(str(device), baud=57600)), on_frames=record.frames)
         with live:
             for number, piece in enumerate(pieces):
-                paced(piece, lambda data: os.write(master, data), SPEED)  # noqa: B023
+                paced(piece, partial(os.write, master), SPEED)
                 time.sleep(0.2)
                 stack.close()
-                wait_until(lambda number=number: live.names().count("link_down") == number + 1)  # type: ignore[misc]
+                wait_until(partial(has_told, live, "link_down", number + 1))
                 master = stack.enter_context(plugged_in(device))
-                wait_until(lambda number=number: live.names().count("link_up") == number + 2, 10)  # type: ignore[misc]
+                wait_until(partial(has_told, live, "link_up", number + 2), 10)
     record.close()
     assert [frame.data for frame in frames_of(path.read_bytes())] == [frame.data for frame in frames]
     assert [name for name, *_ in alarms(live.events)] == ["alarm_raised"]
@@ -274,7 +284,7 @@ def test_ipv6(tmp_path: Path) -> None:
             for number, family in enumerate(families):
                 with socket.socket(family, socket.SOCK_DGRAM) as sender:
                     sender.sendto(frames[number].data, ("::1" if family == socket.AF_INET6 else "127.0.0.1", uri.port))
-                wait_until(lambda came=came, number=number: len(came.data) == number + 1)  # type: ignore[misc]
+                wait_until(partial(came.has, number + 1))
     server = socket.create_server(("::1", 0), family=socket.AF_INET6)
     with server:
         link = open_link(parse_uri(f"tcp:[::1]:{server.getsockname()[1]}"))

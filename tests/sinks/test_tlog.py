@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -112,6 +113,11 @@ for start in itertools.cycle(range(0, len(frames), 5)):
 """
 
 
+def is_larger(path: Path, size: int) -> bool:
+    """Whether the file has grown beyond `size`, bytes."""
+    return path.exists() and path.stat().st_size > size
+
+
 @pytest.mark.slow
 def test_killed_again_and_again(tmp_path: Path) -> None:
     """kill -9 at any time, five times over: one file that reads to its last byte, without damage."""
@@ -130,7 +136,7 @@ def test_killed_again_and_again(tmp_path: Path) -> None:
         with process:
             assert process.stdout is not None
             process.stdout.readline()
-            wait_until(lambda before=before: path.exists() and path.stat().st_size > before)  # type: ignore[misc]
+            wait_until(partial(is_larger, path, before))
             time.sleep(dice.uniform(0, 0.05))
             process.send_signal(signal.SIGKILL)
     (entry,) = check(path).files
