@@ -29,7 +29,7 @@ MOST_OTHERS = 100  # that the report lists; all are counted
 LEAST_COPIED, COPIED_SHARE = 20, 0.9  # frames, and of the copies that there would be, for each to come so often
 
 
-class Scanned(NamedTuple):
+class ScannedBatch(NamedTuple):
     """Frames, sorted; None: there was no whole one. `done`: bytes of the link so far."""
 
     batch: SortedFrames | None
@@ -74,15 +74,15 @@ class Link:
         """Scan the chunks and judge what they hold as one batch; the link's own framing holds, not theirs."""
         return self.judge(self.scan(chunks, final=final))
 
-    def scan(self, chunks: Chunks, *, final: bool = False) -> Scanned:
+    def scan(self, chunks: Chunks, *, final: bool = False) -> ScannedBatch:
         """The frames that the chunks complete; another thread may call this while those before are judged."""
         scanner = self._scanner
         frames = scanner.scan_chunks(chunks.data, chunks.ends, chunks.t_rx_us, whole=self._datagrams, final=final)
         raw = scanner.raw_frames() if self.on_frames is not None and len(scanner.all_frames) else ()
         batch = self._sorter.sort(scanner.buffer, frames) if len(frames) else None
-        return Scanned(batch, scanner.read, raw)
+        return ScannedBatch(batch, scanner.read, raw)
 
-    def judge(self, scanned: Scanned) -> list[Event]:
+    def judge(self, scanned: ScannedBatch) -> list[Event]:
         """Judge frames as one batch."""
         if scanned.raw and self.on_frames is not None:
             self.on_frames(scanned.raw)

@@ -15,7 +15,7 @@ from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.chunks import Chunk, Chunks, Framing
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event, Notice
-from gcs_bridge.judging.link import Datagram, FrameObserver, Link, Scanned, events_of
+from gcs_bridge.judging.link import Datagram, FrameObserver, Link, ScannedBatch, events_of
 from gcs_bridge.judging.link_vehicle import Judged
 from gcs_bridge.judging.observation import Observer
 from gcs_bridge.judging.snapshot import Snapshot
@@ -33,7 +33,7 @@ class Scan(NamedTuple):
     """What was found on a link and is to be judged."""
 
     link: Link
-    scanned: Scanned
+    scanned: ScannedBatch
 
 
 class Monitor:

@@ -5,7 +5,6 @@ What they hold is not known here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -105,12 +104,11 @@ class RawFrame(NamedTuple):
 
 
 class Scanned(NamedTuple):
-    """Frames that were found, what they lie in, and how many bytes were read so far; if asked for, as they came."""
+    """Frames that were found, what they lie in, and how many bytes were read so far."""
 
     buffer: Bytes
     frames: Frames
     done: int
-    raw: Sequence[RawFrame] = ()
 
 
 class Scanner:

@@ -67,6 +67,21 @@ def mavproxy(folder: Path, master: str) -> Iterator[MavProxy]:
         one._out.close()
 
 
+@contextlib.contextmanager
+def relayed(folder: Path, ours: str, theirs: str, kind: int, *options: str) -> Iterator[tuple[MavProxy, int, Process]]:
+    """A station on a relay of `listen`, the port at which that hears vehicles, and its process."""
+    port, relay_port = free_port(), free_port(kind)
+    with (
+        mavproxy(folder / "mavproxy", f"{theirs}:127.0.0.1:{relay_port}") as station,
+        Process(
+            *("listen", f"udpin:127.0.0.1:{port}", "--viewer=none", *options),
+            f"--relay={ours}:127.0.0.1:{relay_port}",
+        ) as process,
+    ):
+        process.wait_for("link up")
+        yield station, port, process
+
+
 def _kinds() -> list[tuple[str, str, int]]:
     udp, tcp = socket.SOCK_DGRAM, socket.SOCK_STREAM
     return [("udpout", "udpin", udp), ("udpin", "udpout", udp), ("tcpin", "tcp", tcp), ("tcp", "tcpin", tcp)]
@@ -76,60 +91,34 @@ def _kinds() -> list[tuple[str, str, int]]:
 def test_it_sees_the_vehicle_and_asks_it(ours: str, theirs: str, kind: int, tmp_path: Path) -> None:
     """By every kind of relay: it goes online; with both ways its parameter requests and its rates reach the vehicle."""
     vehicle = Autopilot()
-    port, relay_port = free_port(), free_port(kind)
-    with (
-        mavproxy(tmp_path / "mavproxy", f"{theirs}:127.0.0.1:{relay_port}") as station,
-        Process(
-            *("listen", f"udpin:127.0.0.1:{port}", "--viewer=none", "--relay-both-ways"),
-            f"--relay={ours}:127.0.0.1:{relay_port}",
-        ) as process,
-    ):
-        process.wait_for("link up")
-        with udp_vehicle(vehicle, port):
-            wait_until(lambda: "online system 1" in station.said(), 60)
-            wait_until(lambda: "PARAM_REQUEST_LIST" in {one.get_type() for one in vehicle.received}, 30)
-            wait_until(lambda: "HEARTBEAT" in {one.get_type() for one in vehicle.received}, 30)
-            station.type("long SET_MESSAGE_INTERVAL 31 50000")
-            wait_until(lambda: (31, 50_000.0) in vehicle.commands(), 30)
-            wait_until(lambda: "COMMAND_ACK: SET_MESSAGE_INTERVAL: ACCEPTED" in station.said(), 30)
+    with relayed(tmp_path, ours, theirs, kind, "--relay-both-ways") as (station, port, _), udp_vehicle(vehicle, port):
+        wait_until(lambda: "online system 1" in station.said(), 60)
+        wait_until(lambda: "PARAM_REQUEST_LIST" in {one.get_type() for one in vehicle.received}, 30)
+        wait_until(lambda: "HEARTBEAT" in {one.get_type() for one in vehicle.received}, 30)
+        station.type("long SET_MESSAGE_INTERVAL 31 50000")
+        wait_until(lambda: (31, 50_000.0) in vehicle.commands(), 30)
+        wait_until(lambda: "COMMAND_ACK: SET_MESSAGE_INTERVAL: ACCEPTED" in station.said(), 30)
 
 
 @pytest.mark.parametrize(("ours", "theirs", "kind"), _kinds())
 def test_it_asks_in_vain_without_both_ways(ours: str, theirs: str, kind: int, tmp_path: Path) -> None:
     """It sees the vehicle, and nothing of what it sends gets through; the alarms' texts reach its operator."""
     vehicle = Autopilot()
-    port, relay_port = free_port(), free_port(kind)
-    with (
-        mavproxy(tmp_path / "mavproxy", f"{theirs}:127.0.0.1:{relay_port}") as station,
-        Process(
-            *("listen", f"udpin:127.0.0.1:{port}", "--viewer=none"),
-            *("--statustext", f"--relay={ours}:127.0.0.1:{relay_port}"),
-        ) as process,
-    ):
-        process.wait_for("link up")
-        with udp_vehicle(vehicle, port):
-            wait_until(lambda: "online system 1" in station.said(), 60)
-            station.type("set target_component 0")  # else it shows what the autopilot itself says, and nothing else
-            vehicle.rates_hz[30] = vehicle.rates_hz[31] = 20.0
-            vehicle.off_deg = 25.0
-            wait_until(lambda: "euler_quaternion ALARM: 25 deg" in station.said(), 30)
+    with relayed(tmp_path, ours, theirs, kind, "--statustext") as (station, port, _), udp_vehicle(vehicle, port):
+        wait_until(lambda: "online system 1" in station.said(), 60)
+        station.type("set target_component 0")  # else it shows what the autopilot itself says, and nothing else
+        vehicle.rates_hz[30] = vehicle.rates_hz[31] = 20.0
+        vehicle.off_deg = 25.0
+        wait_until(lambda: "euler_quaternion ALARM: 25 deg" in station.said(), 30)
     assert vehicle.received == []
 
 
 @pytest.mark.parametrize(("ours", "theirs", "kind"), [_kinds()[0], _kinds()[2]])
 def test_it_stands_still(ours: str, theirs: str, kind: int, tmp_path: Path) -> None:
     """Stopped for seconds at 2000 messages a second: every frame is recorded as it comes."""
-    port, relay_port = free_port(), free_port(kind)
     vehicle = Autopilot(rates_hz={30: 700.0, 31: 700.0, 27: 600.0})
     tlog = tmp_path / "live.tlog"
-    with (
-        mavproxy(tmp_path / "mavproxy", f"{theirs}:127.0.0.1:{relay_port}") as station,
-        Process(
-            *("listen", f"udpin:127.0.0.1:{port}", "--viewer=none", f"--record={tlog}"),
-            f"--relay={ours}:127.0.0.1:{relay_port}",
-        ) as process,
-    ):
-        process.wait_for("link up")
+    with relayed(tmp_path, ours, theirs, kind, f"--record={tlog}") as (station, port, process):
         with udp_vehicle(vehicle, port):
             wait_until(lambda: "online system 1" in station.said(), 60)
             station.process.send_signal(signal.SIGSTOP)

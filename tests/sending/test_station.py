@@ -1,8 +1,10 @@
 """What leaves while links are listened to: to whom, as whom, and what never does."""
 
+import contextlib
 import select
 import socket
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -29,6 +31,19 @@ def udp_link() -> tuple[Link, int]:
 
 def relay_to(*stations: GroundStation, **more: Any) -> Asked:
     return Asked(relays=tuple(NetworkUri("udpout", "127.0.0.1", one.port) for one in stations), **more)
+
+
+@contextlib.contextmanager
+def relayed(*, both_ways: bool) -> Iterator[tuple[GroundStation, Autopilot, int]]:
+    """A station on a relay, the vehicle that it sees, and the port at which that is heard."""
+    vehicle = Autopilot()
+    link, port = udp_link()
+    with (
+        GroundStation() as station,
+        Live(link, asked=relay_to(station, both_ways=both_ways)),
+        udp_vehicle(vehicle, port),
+    ):
+        yield station, vehicle, port
 
 
 def parameter_request(target: int = 1, system: int = 255) -> bytes:
@@ -62,13 +77,7 @@ def test_what_comes_is_relayed_byte_for_byte() -> None:
 @pytest.mark.parametrize("both_ways", [False, True])
 def test_the_secret_goes_nowhere(both_ways: bool) -> None:
     """SETUP_SIGNING is relayed in neither direction, alone or in the midst of others."""
-    vehicle = Autopilot()
-    link, port = udp_link()
-    with (
-        GroundStation() as station,
-        Live(link, asked=relay_to(station, both_ways=both_ways)),
-        udp_vehicle(vehicle, port),
-    ):
+    with relayed(both_ways=both_ways) as (station, vehicle, port):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             before, behind = (station_message(mavlink.MAVLink_system_time_message(n, n), 1, 1) for n in (1, 2))
             for data in (setup_signing(1), before + setup_signing(1) + behind):
@@ -84,13 +93,7 @@ def test_the_secret_goes_nowhere(both_ways: bool) -> None:
 @pytest.mark.parametrize("both_ways", [False, True])
 def test_answers_go_back_only_both_ways(both_ways: bool) -> None:
     """With --relay-both-ways a station's frame reaches the vehicle as it was; else nothing does."""
-    vehicle = Autopilot()
-    link, port = udp_link()
-    with (
-        GroundStation() as station,
-        Live(link, asked=relay_to(station, both_ways=both_ways)),
-        udp_vehicle(vehicle, port),
-    ):
+    with relayed(both_ways=both_ways) as (station, vehicle, _):
         wait_until(lambda: len(station.of("HEARTBEAT")) > 0)
         station.send(parameter_request())
         station.send(b"\xfd noise")
