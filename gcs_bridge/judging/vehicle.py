@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from gcs_bridge.alarms.manager import AlarmManager
-from gcs_bridge.beside import Beside
 from gcs_bridge.checks import all_checks
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
@@ -49,7 +47,6 @@ from gcs_bridge.telemetry.samples import STREAMS, AttitudeSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 from gcs_bridge.telemetry.stream_counts import StreamCount
 
-_MANY = 4096  # messages that are worth another thread, which takes 0.1 ms to begin
 _MOST_RESETS = 100  # that the report lists
 
 
@@ -247,11 +244,9 @@ class VehicleJudge:
         euler = sent if corrected.q_nb is sent.q_nb else replace(sent, q_nb=corrected.q_nb)
         self._in_force.follow(corrected)
         imu = self._in_force.imu_of(chosen)
-        see = partial(boot.references.take, segment.message, euler, quaternion, imu)
-        seeing = Beside(see) if len(segment.message) >= _MANY else None
         as_sent = None if euler is sent else sent.q_nb
         aligned = boot.aligner.pair(euler, quaternion, segment.message, as_sent, corrected.changes)
-        attitudes, imu_with_attitude = see() if seeing is None else seeing.result()
+        attitudes, imu_with_attitude = boot.references.take(segment.message, euler, quaternion, imu)
         self._count(segment, aligned.period_us)
         line = timeline_of(segment, aligned, link)
         turns = list(boot.liveness.take(line, link)) if len(segment.message) else []

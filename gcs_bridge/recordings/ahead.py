@@ -6,11 +6,11 @@ loop gives, in its order; two pieces are in memory at most.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from typing import TypeVar
+from threading import Thread
+from typing import Generic, TypeVar
 
-from gcs_bridge.beside import Beside
 from gcs_bridge.chunks import Chunk
 from gcs_bridge.mavlink.scanner import Scanned, Scanner
 
@@ -33,10 +33,36 @@ def _scanned(chunks: Iterable[Chunk], scanner: Scanner) -> Iterator[Scanned]:
 def ahead(items: Iterator[T]) -> Iterator[T]:
     """The same items; while one is used, the next is made in another thread."""
     another = partial(next, items, None)
-    coming = Beside(another)
+    coming = _Beside(another)
     try:
         while (item := coming.result()) is not None:
-            coming = Beside(another)
+            coming = _Beside(another)
             yield item
     finally:
         coming.join()
+
+
+class _Beside(Thread, Generic[T]):
+    """What a function returns, while it is made. Python's pool of threads does as much, and takes longer to load."""
+
+    def __init__(self, make: Callable[[], T]) -> None:
+        """Begin."""
+        super().__init__()
+        self._make = make
+        self._made: T
+        self._error: BaseException | None = None
+        self.start()
+
+    def run(self) -> None:
+        """Make it."""
+        try:
+            self._made = self._make()
+        except BaseException as error:  # noqa: BLE001  # whatever it is, it is raised where the result is asked for
+            self._error = error
+
+    def result(self) -> T:
+        """Wait for it; what went wrong when it was made is raised here."""
+        self.join()
+        if self._error is not None:
+            raise self._error
+        return self._made
