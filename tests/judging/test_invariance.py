@@ -241,3 +241,13 @@ def test_live_with_damage_is_as_recorded() -> None:
         _, entry = live(damaged, datagrams=datagrams)
         assert entry["vehicles"][0]["alarms"] == recorded["vehicles"][0]["alarms"] != []
         assert entry["vehicles"][0]["checks"] == recorded["vehicles"][0]["checks"]
+
+
+def test_a_cut_where_nothing_was_undone_yet() -> None:
+    """A trim is told behind the cut: what came before it is the same to the last bit, `raw` included."""
+    data = (SITL / "k16_plane_trim_changes.tlog").read_bytes()[:200_000]
+    whole, cut = Monitor(), Monitor()
+    whole.feed_recording(data)
+    cut.feed_recording(data[:100_000])
+    cut.feed_recording(data[100_000:])
+    assert whole.close().to_dict() == cut.close().to_dict()

@@ -10,8 +10,11 @@ from msgspec.structs import replace
 
 import gcs_bridge
 from gcs_bridge._version import __version__
+from gcs_bridge.checks import all_checks
 from gcs_bridge.contract import Distribution
 from gcs_bridge.report import Report, worst_exit_code
+from gcs_bridge.report.verdicts import COMPARATORS
+from gcs_bridge.settings import Settings
 from tests.helpers.paths import FIXTURES
 from tests.helpers.report_entries import (
     ALARM,
@@ -263,3 +266,8 @@ def test_text_fits_100_columns(detail: int) -> None:
 def test_a_path_cannot_command_the_terminal() -> None:
     """Control characters in a file's name are shown, not obeyed."""
     assert "\x1b" not in text(vehicle(), path="\x1b[2J.tlog")
+
+
+def test_the_comparators_are_the_checks_that_compare() -> None:
+    """The report knows them by name, without the checks: a new one that is forgotten there would end with 4."""
+    assert {check.name for check in all_checks(Settings()) if check.compares} == COMPARATORS
