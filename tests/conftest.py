@@ -1,7 +1,11 @@
-"""Before the first test: the kernels are compiled, so that no process says so, or waits for it."""
+"""Before the first test: the kernels are compiled, so that no process says so, or waits for it; no test is timed."""
 
+import hypothesis
 import pytest
 
+# By default a case that takes 0.2 s fails: on a busy machine each of them may.
+hypothesis.settings.register_profile("untimed", deadline=None)
+hypothesis.settings.load_profile("untimed")
 pytest.register_assert_rewrite("tests.helpers")
 
 

@@ -442,7 +442,7 @@ def story(cuts: list[int]) -> tuple[list[Json], Json]:
 
 
 @pytest.mark.slow
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(cuts=st.lists(st.integers(0, 10**6), max_size=60))
 def test_any_cutting_tells_the_same_story(cuts: list[int]) -> None:
     """In pieces of any size the events and the report are the same, to the last bit, with an alarm on the shelf."""

@@ -442,7 +442,7 @@ _stories = st.lists(
 
 
 @pytest.mark.slow
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(_stories, st.lists(st.integers(0, 200), max_size=10))
 def test_the_cut_into_batches_changes_nothing(parts: list[tuple[int, float, int]], cuts: list[int]) -> None:
     """Whole, in pieces, or sample by sample: the same changes at the same samples, with the same peaks."""
@@ -460,7 +460,7 @@ def test_the_cut_into_batches_changes_nothing(parts: list[tuple[int, float, int]
             assert in_pieces.worst.value == alarm.worst.value
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 @given(_stories)
 def test_states_follow_one_another_as_the_standard_has_them(parts: list[tuple[int, float, int]]) -> None:
     """Never raised unless it was pending, nor gone unless it was clearing, never before its delay, and gone it stays

@@ -5,7 +5,7 @@ from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gcs_bridge import attitude
@@ -38,7 +38,6 @@ runs = st.lists(
 )
 
 
-@settings(deadline=None)  # the first one compiles
 @example(runs=[[QUIET] * 12, [(-0.5, G, 0.0, True)], [QUIET]], cuts=[])
 @example(runs=[[QUIET] * 12, [(1.001, G, 0.0, True)], [QUIET] * 8, [(0.5, G, 0.0, False)], [QUIET]], cuts=[12, 16])
 @given(runs=runs, cuts=st.lists(st.integers(0, 100), max_size=6).map(sorted))

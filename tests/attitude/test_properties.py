@@ -14,7 +14,7 @@ from tests.helpers.attitude_cases import Array, turn_between
 
 def law(*strategies: st.SearchStrategy[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Search the same sixty examples on every run, however slow the machine is."""
-    search = settings(deadline=None, max_examples=60, derandomize=True, database=None)
+    search = settings(max_examples=60, derandomize=True, database=None)
     return lambda test: search(given(*strategies)(test))
 
 

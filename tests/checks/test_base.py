@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_bridge.checks.base import Usable
@@ -57,7 +57,6 @@ def test_room_is_made_for_what_the_window_holds() -> None:
     assert len(sliding.room(5000).t_us) <= 5400
 
 
-@settings(deadline=None)  # the first one compiles
 @given(
     samples=st.lists(st.tuples(st.integers(1, 900), st.floats(-1e3, 1e3)), min_size=1, max_size=60),
     cuts=st.lists(st.integers(1, 59), max_size=8),

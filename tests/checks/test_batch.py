@@ -181,7 +181,7 @@ def columns(cuts: Sequence[int]) -> list[bytes]:
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(cuts=st.lists(st.integers(0, SIZE), max_size=60))
 def test_any_cutting_hands_on_the_same(cuts: list[int]) -> None:
     """Attitudes, inertial samples, their mapped times and where it may rest are the same bits, however it is cut."""

@@ -110,7 +110,7 @@ def events_of(cuts: list[int]) -> list[Json]:
 
 
 @pytest.mark.slow
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(cuts=st.lists(st.integers(0, 10**6), max_size=40))
 def test_any_cutting_finds_the_same_resets(cuts: list[int]) -> None:
     """Cut anywhere, the same two resets are told with the same words."""

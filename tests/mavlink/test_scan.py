@@ -642,7 +642,7 @@ def test_a_wrong_time_of_the_first_record_is_not_believed(bad: int) -> None:
 
 # --- properties ------------------------------------------------------------------------------------------------------
 
-SLOW = settings(max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+SLOW = settings(max_examples=150, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 
 _seeds = [wire.heartbeat(), wire.attitude(1, (0.1, 0.2, 0.3)), wire.heartbeat(version=1), wire.heartbeat(key=bytes(32))]
 _bits = st.one_of(

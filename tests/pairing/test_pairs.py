@@ -412,7 +412,7 @@ _motion = wire.Motion(200, seed=15, speed_rad_s=2.0)
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(_moves, st.lists(st.integers(0, 400), max_size=12))
 def test_the_cut_into_batches_changes_no_bit(moves: list[tuple[int, int, int, float, int]], cuts: list[int]) -> None:
     """Whole, in pieces, or sample by sample: the same pairs, attitudes, bounds and times, bit for bit."""

@@ -246,7 +246,7 @@ _moves = st.lists(
 
 
 @pytest.mark.slow
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(
     st.sampled_from([0, 5000, 2**31, 2**32 - 2000, 2**32 - 1]),
     _moves,

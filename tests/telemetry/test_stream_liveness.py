@@ -218,7 +218,7 @@ _steps = st.lists(
 
 
 @pytest.mark.slow
-@settings(max_examples=400, deadline=None, derandomize=True)
+@settings(max_examples=400, derandomize=True)
 @given(_steps, st.lists(st.integers(0, 240), max_size=10), st.sampled_from([40, 100, 700]))
 def test_the_cut_into_batches_changes_nothing(
     steps: list[tuple[int, int, int, int, int]], cuts: list[int], period_ms: int
