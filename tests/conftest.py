@@ -8,6 +8,25 @@ hypothesis.settings.register_profile("untimed", deadline=None)
 hypothesis.settings.load_profile("untimed")
 pytest.register_assert_rewrite("tests.helpers")
 
+# Their tests wait on real time, or on programs that they start.
+_WAITING = ("tests/cli/test_listen.py", "tests/jit/", "tests/links/", "tests/sending/", "tests/sinks/", "tests/viewer/")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """What waits begins first, each worker with its share of it: at the end no one waits alone for a last one.
+
+    Each worker is given the next part of the list, and takes from the others once it has done that.
+    """
+    workers: int = getattr(config, "workerinput", {}).get("workercount", 1)
+    waiting = [item for item in items if item.nodeid.startswith(_WAITING)]
+    others = [item for item in items if not item.nodeid.startswith(_WAITING)]
+    share = -(-len(others) // workers)
+    items[:] = [
+        item
+        for worker in range(workers)
+        for item in (*waiting[worker::workers], *others[worker * share : (worker + 1) * share])
+    ]
+
 
 @pytest.fixture(scope="session", autouse=True)
 def _compiled() -> None:

@@ -2,6 +2,7 @@
 
 import struct
 import time
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,13 @@ from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
 
 Json = dict[str, Any]
-FLIGHT = wire.flight(wire.Motion(61, seed=1), 60.0, euler_hz=20.0, quaternion_hz=20.0)
 UNKNOWN_ID = 54321  # in no dialect
 NOISE = 0x01_1234  # the same
+
+
+@cache
+def flight() -> list[tuple[int, bytes]]:
+    return wire.flight(wire.Motion(21, seed=1), 20.0, euler_hz=20.0, quaternion_hz=20.0)
 
 
 def unknown(payload: bytes, msgid: int = UNKNOWN_ID) -> bytes:
@@ -47,7 +52,7 @@ def test_frames_within_what_claims_to_be_a_frame_of_an_unknown_id(
     lead: int, hidden: int, cut: int, timed: bool
 ) -> None:
     """Noise that looks like a header, then real frames, the last one cut: as a recorder notes what it cannot check."""
-    records, within = FLIGHT[:300:3], iter(FLIGHT[1::3])
+    records, within = flight()[:300:3], iter(flight()[1::3])
     data, real = b"", []
     for i, (t_us, frame) in enumerate(records):
         data += (struct.pack(">Q", t_us) if timed else b"") + frame
@@ -65,7 +70,7 @@ def test_frames_within_what_claims_to_be_a_frame_of_an_unknown_id(
 def test_frames_of_another_dialect_stay_whole() -> None:
     """Without a real frame within, a frame of an unknown id is one: counted, and no damage."""
     chance = np.random.default_rng(0)
-    frames = [frame for _, frame in FLIGHT[:200]]
+    frames = [frame for _, frame in flight()[:200]]
     mixed = [one for frame in frames for one in (frame, unknown(chance.integers(0, 0xF0, 40, np.uint8).tobytes()))]
     for timed in (True, False):
         records = [(wire.START_US + 1000 * i, one) for i, one in enumerate(mixed)]
@@ -120,7 +125,7 @@ def test_a_recording_behind_a_hole(tmp_path: Path) -> None:
     """Ten megabytes of zeros before the first frame: it is read, and the hole is a gap."""
     path = tmp_path / "hole.tlog"
     hole = 10_000_000
-    path.write_bytes(bytes(hole) + wire.tlog(FLIGHT[:400]))
+    path.write_bytes(bytes(hole) + wire.tlog(flight()[:400]))
     assert main(["check", "-q", str(path)]) == 0
     entry = entry_of(path.read_bytes())
     assert (entry["salvage"]["frames"], entry["salvage"]["gaps"]) == (400, [{"offset": 0, "bytes": hole}])

@@ -1,5 +1,6 @@
 """Every frame twice on one link, or thrice: what came before counts once, and that is said."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,8 @@ CASES = ROOT / "tests" / "data" / "cases"
 SECONDS, HZ = 20.0, 20.0
 
 
-def flight(version: int, *, numbered: bool) -> list[Record]:
+@cache
+def flight(version: int, numbered: bool) -> list[Record]:
     """As a vehicle sends it; many simple senders never count their frames."""
     motion = wire.Motion(SECONDS + 1, seed=1)
     if numbered:
@@ -42,6 +44,11 @@ def judged(data: bytes) -> tuple[Json, dict[str, Json], Json]:
     return entry["salvage"], {check["name"]: check for check in vehicle["checks"]}, vehicle["streams"]
 
 
+@cache
+def judged_once(version: int, numbered: bool) -> tuple[Json, dict[str, Json], Json]:
+    return judged(wire.tlog(flight(version, numbered)))
+
+
 def test_the_case() -> None:
     """600 pairs, not 1200; what is said of the streams is what came of the vehicle."""
     salvage, checks, streams = judged((CASES / "every_frame_twice.tlog").read_bytes())
@@ -56,8 +63,8 @@ def test_the_case() -> None:
 @pytest.mark.parametrize("times", [2, 3])
 def test_every_frame_again(times: int, late_ms: int, numbered: bool, version: int) -> None:
     """However late the copies are, and whether the frames are numbered or not."""
-    flown = flight(version, numbered=numbered)
-    _, once, streams = judged(wire.tlog(flown))
+    flown = flight(version, numbered)
+    _, once, streams = judged_once(version, numbered)
     copies = [(t_us + 1000 * late_ms * k, frame) for k in range(times) for t_us, frame in flown]
     salvage, checks, streams_again = judged(wire.tlog(sorted(copies, key=lambda one: one[0])))
     assert checks["euler_quaternion"]["pairs"] == once["euler_quaternion"]["pairs"] == round(SECONDS * HZ)
@@ -71,7 +78,7 @@ def test_every_frame_again(times: int, late_ms: int, numbered: bool, version: in
 
 def test_some_frames_again() -> None:
     """Those count once too; not each came twice, so that is not said."""
-    flown = flight(2, numbered=True)
+    flown = flight(2, True)
     chance = np.random.default_rng(0)
     copies = [*flown, *((t_us + 5_000, frame) for t_us, frame in flown if chance.random() < 0.4)]
     salvage, checks, _ = judged(wire.tlog(sorted(copies, key=lambda one: one[0])))

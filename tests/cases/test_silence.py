@@ -3,8 +3,9 @@
 Recordings are made of `a_copter_square` by taking records out, or by hand; the times are those at which it was done.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
+from functools import cache
 from itertools import count, pairwise
 from typing import Any
 
@@ -214,14 +215,15 @@ def paused(records: Iterable[Record], at_s: float, pause_s: float) -> list[Recor
     return [(t_us + round(pause_s * S) * (t_us >= wire.START_US + at_s * S), frame) for t_us, frame in records]
 
 
-def flown_by(*sysids: int, imu: Change | None = true) -> list[Record]:
+@cache
+def flown_by(*sysids: int, seconds: float = 40) -> tuple[Record, ...]:
     """Several vehicles on one link, each a little behind the one before."""
     several = [
         (t_us + 7000 * i, frame)
         for i, sysid in enumerate(sysids)
-        for t_us, frame in craft(sysid=sysid, boot_s=BOOT_S + 100 * i, imu=imu).records(40)
+        for t_us, frame in craft(sysid=sysid, boot_s=BOOT_S + 100 * i, imu=true).records(seconds)
     ]
-    return sorted(several, key=lambda record: record[0])
+    return tuple(sorted(several, key=lambda record: record[0]))
 
 
 @pytest.mark.parametrize("pause_s", varied(10, 3, 60, 600))
@@ -245,7 +247,7 @@ def test_a_receiver_that_is_suspended_while_it_listens(pause_s: float) -> None:
     monitor = Monitor()
     monitor.open_link(0, datagrams=True)
     events: list[Json] = []
-    for t_us, frame in paused(flown_by(1, 2), 20.0, pause_s):
+    for t_us, frame in paused(flown_by(1, 2, seconds=16), 8.0, pause_s):
         events += monitor.feed(frame, t_us)
     assert {event["event"] for event in events} == {"vehicle_seen", "stream_started", "receiver_paused"}
     assert len(told(events, "receiver_paused")) == 1
@@ -256,11 +258,9 @@ def test_a_receiver_that_is_suspended_while_it_listens(pause_s: float) -> None:
 @pytest.mark.parametrize("pause_s", [3, 10, 60])
 def test_what_waited_while_the_receiver_slept_comes_at_once(pause_s: float) -> None:
     """All of the time in which it slept arrives with one receive time: a pause, told once, and no alarm."""
-    begin_us, end_us = (wire.START_US + round(at_s * S) for at_s in (20, 20 + pause_s))
-    made = [record for sysid in (1, 2) for record in craft(sysid=sysid, imu=true).records(100)]
-    late = [
-        (end_us if begin_us <= t_us < end_us else t_us, frame) for t_us, frame in sorted(made, key=lambda one: one[0])
-    ]
+    begin_us, end_us = (wire.START_US + round(at_s * S) for at_s in (10, 10 + pause_s))
+    made = flown_by(1, 2, seconds=20 + pause_s)
+    late = [(end_us if begin_us <= t_us < end_us else t_us, frame) for t_us, frame in made]
     events, vehicles = heard(late)
     assert {event["event"] for event in events} == {"vehicle_seen", "stream_started", "receiver_paused"}
     assert len(told(events, "receiver_paused")) == 1
@@ -269,7 +269,7 @@ def test_what_waited_while_the_receiver_slept_comes_at_once(pause_s: float) -> N
 
 def test_three_pauses_are_told_three_times() -> None:
     """Each once, whoever is on the link."""
-    records = flown_by(1, 2)
+    records: Iterable[Record] = flown_by(1, 2)
     for at_s in (10, 25, 38):  # of the time that the receiver shows by then
         records = paused(records, at_s, 5)
     events, vehicles = heard(records)
@@ -570,13 +570,12 @@ def test_two_stations_that_undo_each_other_are_named(how: str) -> None:
 
 
 def with_stuck_clock(records: Iterable[Record], stuck_ms: int, from_s: float = 0.0, to_s: float = 1e9) -> list[Record]:
-    """The same with one and the same time_boot_ms for a time."""
-    parser, stuck = mavlink.MAVLink(None), []
+    """The same with one and the same time_boot_ms, where a payload begins with it, for a time."""
+    stamp, stuck = stuck_ms.to_bytes(4, "little"), []
     for t_us, frame in records:
-        message = parser.parse_buffer(frame)[0]
-        if hasattr(message, "time_boot_ms") and from_s <= (t_us - wire.START_US) / S < to_s:
-            message.time_boot_ms = stuck_ms
-            frame = wire.pack(message, seq=message.get_seq())
+        message = mavlink.mavlink_map[int.from_bytes(frame[7:10], "little")]
+        if message.ordered_fieldnames[0] == "time_boot_ms" and from_s <= (t_us - wire.START_US) / S < to_s:
+            frame = wire.with_checksum(frame[:10] + stamp + frame[14:], message.crc_extra)
         stuck.append((t_us, frame))
     return stuck
 
@@ -638,28 +637,36 @@ def test_a_clock_that_stands_still_for_a_time() -> None:
 # --- however it comes ---
 
 
-def several_stories() -> list[tuple[str, list[Record]]]:
-    """Of each kind one, short."""
-    stops = stopped(10, 16)
-    turns = [(3.0 * i, asked("ALL", 4 if i % 2 else 10, (255, 190) if i % 2 else (254, 230))) for i in range(1, 6)]
+STOPS = stopped(10, 16)
+TURNS = [(3.0 * i, 4 if i % 2 else 10, (255, 190) if i % 2 else (254, 230)) for i in range(1, 6)]
+
+
+def two_backlogs() -> list[Record]:
+    """Of two boots, frame by frame."""
     older, newer = (craft(boot_s=boot_s).records(10) for boot_s in (300.0, 4.0))
     mixed = [one for pair in zip(older, newer, strict=True) for one in pair]
-    return [
-        ("transfer", craft(**stops, also=transfer(file_piece, 10, 14, 8)).records(20)),
-        ("heartbeats", craft(**stops).records(20)),
-        ("pause", paused(flown_by(1, 2), 20.032, 10)[:2600]),
-        ("restart", restarted([imu, position], 3, 8)),
-        ("sequence", restarted([], 3, 15)),
-        ("requests", with_frames(at_rates((12.0, 5.0), seconds=20), *turns)),
-        ("standing", with_stuck_clock(craft().records(14), 15_000, 5, 9)),
-        ("backlogs", [(wire.START_US + 10_000 * i, frame) for i, (_, frame) in enumerate(mixed)]),
-    ]
+    return [(wire.START_US + 10_000 * i, frame) for i, (_, frame) in enumerate(mixed)]
+
+
+STORIES: dict[str, Callable[[], list[Record]]] = {  # of each kind one, short
+    "transfer": lambda: craft(**STOPS, also=transfer(file_piece, 10, 14, 8)).records(20),
+    "heartbeats": lambda: craft(**STOPS).records(20),
+    "pause": lambda: paused(flown_by(1, 2), 20.032, 10)[:2600],
+    "restart": lambda: restarted([imu, position], 3, 8),
+    "sequence": lambda: restarted([], 3, 15),
+    "requests": lambda: with_frames(
+        at_rates((12.0, 5.0), seconds=20), *((at_s, asked("ALL", hz, by)) for at_s, hz, by in TURNS)
+    ),
+    "standing": lambda: with_stuck_clock(craft().records(14), 15_000, 5, 9),
+    "backlogs": two_backlogs,
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "records"), several_stories(), ids=[name for name, _ in several_stories()])
-def test_the_cut_into_pieces_changes_nothing(name: str, records: list[Record]) -> None:
+@pytest.mark.parametrize("story", STORIES)
+def test_the_cut_into_pieces_changes_nothing(story: str) -> None:
     """Whole, in pieces of some hundred bytes, and frame by frame: the same events, the same report."""
+    records = STORIES[story]()
     data, told_of = wire.tlog(records), []
     by_frame = np.cumsum([8 + len(frame) for _, frame in records]).tolist()
     for ends in ([0, len(data)], [*range(0, len(data), 997), len(data)], [0, *by_frame]):

@@ -5,6 +5,7 @@ Numbers are MAVLink's: MAV_TYPE, MAV_COMPONENT and MAV_AUTOPILOT of common.xml.
 
 import json
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,17 @@ Record = tuple[int, bytes]
 Json = dict[str, Any]
 S = 1_000_000
 CASES = ROOT / "tests" / "data" / "cases"
-VEHICLE = wire.flight(wire.Motion(21, seed=1), 20.0, euler_hz=10.0, quaternion_hz=10.0)
 CLAIMED = [wire.ARDUPILOT, wire.PX4, wire.NO_AUTOPILOT, 0]
+
+
+@cache
+def motion(seed: int) -> wire.Motion:
+    return wire.Motion(21, seed=seed)
+
+
+@cache
+def vehicle() -> list[Record]:
+    return wire.flight(motion(1), 20.0, euler_hz=10.0, quaternion_hz=10.0)
 
 
 def beats(seconds: int = 20, begin_s: float = 0.3, **wired: Any) -> list[Record]:
@@ -29,7 +39,7 @@ def beats(seconds: int = 20, begin_s: float = 0.3, **wired: Any) -> list[Record]
 
 def attitudes(**wired: Any) -> list[Record]:
     """Of another motion, without a heartbeat."""
-    flown = wire.flight(wire.Motion(21, seed=2), 20.0, euler_hz=10.0, quaternion_hz=0.0, **wired)
+    flown = wire.flight(motion(2), 20.0, euler_hz=10.0, quaternion_hz=0.0, **wired)
     return [one for one in flown if len(one[1]) > 30]
 
 
@@ -55,27 +65,32 @@ def test_the_case() -> None:
     ]
 
 
+NO_VEHICLES = [  # MAV_TYPE, and the number of the component
+    *((18, 93), (18, 191), (18, 1), (26, 154), (26, 171), (27, 156), (30, 100), (30, 105), (6, 190), (33, 140)),
+    *((36, 180), (37, 161), (38, 155), (32, 160), (42, 169), (40, 200), (41, 220), (39, 157), (34, 236), (48, 25)),
+    *((0, 158), (0, 195), (0, 197), (0, 240), (0, 68)),
+]
+
+
 @pytest.mark.parametrize("autopilot", CLAIMED)
 @pytest.mark.parametrize("sends_attitude", [False, True])
-@pytest.mark.parametrize(
-    ("kind", "compid"),
-    [(18, 93), (18, 191), (18, 1), (26, 154), (26, 171), (27, 156), (30, 100), (30, 105), (6, 190), (33, 140),
-     (36, 180), (37, 161), (38, 155), (32, 160), (42, 169), (40, 200), (41, 220), (39, 157), (34, 236), (48, 25),
-     (0, 158), (0, 195), (0, 197), (0, 240), (0, 68)],
-)  # fmt: skip
-def test_what_is_no_vehicle(kind: int, compid: int, sends_attitude: bool, autopilot: int) -> None:
-    """By type, or by a number that is kept for other things where the type says nothing; in a system of its own."""
-    other = {"sysid": 9, "compid": compid}
-    sent = attitudes(**other) if sends_attitude else []
-    entry = judged(VEHICLE, beats(vehicle=kind, autopilot=autopilot, **other), sent)
+def test_what_is_no_vehicle(sends_attitude: bool, autopilot: int) -> None:
+    """By type, or by a number kept for other things where the type says nothing; each in a system of its own."""
+    others = [(9 + i, kind, compid) for i, (kind, compid) in enumerate(NO_VEHICLES)]
+    sent = [beats(vehicle=kind, autopilot=autopilot, sysid=sysid, compid=compid) for sysid, kind, compid in others]
+    if sends_attitude:
+        sent += [attitudes(sysid=sysid, compid=compid) for sysid, _, compid in others]
+    entry = judged(vehicle(), *sent)
     assert (vehicles(entry), entry["verdict"]) == ({(1, 1): "quadrotor"}, "agree")
-    assert [(one["sysid"], one["compid"]) for one in entry["others"]] == [(9, compid)]
+    assert [(one["sysid"], one["compid"]) for one in entry["others"]] == [
+        (sysid, compid) for sysid, _, compid in others
+    ]
 
 
 @pytest.mark.parametrize("compid", [100, 103, 154, 158, 191, 195, 197, 200])
 def test_attitudes_under_a_number_for_other_things(compid: int) -> None:
     """A camera or a visual odometry that sends attitudes and no heartbeat."""
-    assert vehicles(judged(VEHICLE, attitudes(compid=compid))) == {(1, 1): "quadrotor"}
+    assert vehicles(judged(vehicle(), attitudes(compid=compid))) == {(1, 1): "quadrotor"}
 
 
 @pytest.mark.parametrize("compid", [0, 1, 2, 50])
@@ -87,13 +102,13 @@ def test_a_system_without_a_heartbeat(compid: int) -> None:
 @pytest.mark.parametrize("compid", [0, 1, 2, 50, 190, 200])
 def test_an_autopilot_under_any_number(compid: int) -> None:
     """An airframe that flies is a vehicle, whatever number it was given."""
-    flown = wire.flight(wire.Motion(21, seed=1), 20.0, euler_hz=10.0, quaternion_hz=10.0, compid=compid)
+    flown = wire.flight(motion(1), 20.0, euler_hz=10.0, quaternion_hz=10.0, compid=compid)
     assert vehicles(judged(flown)) == {(1, compid): "quadrotor"}
 
 
 def test_a_flow_sensor_with_a_generic_heartbeat() -> None:
     """It says generic twice, and sends no attitude; what says so and sends some is judged."""
-    assert vehicles(judged(VEHICLE, beats(sysid=81, compid=50, vehicle=0, autopilot=0))) == {(1, 1): "quadrotor"}
+    assert vehicles(judged(vehicle(), beats(sysid=81, compid=50, vehicle=0, autopilot=0))) == {(1, 1): "quadrotor"}
     generic = beats(sysid=81, compid=50, vehicle=0, autopilot=0), attitudes(sysid=81, compid=50)
     assert vehicles(judged(*generic)) == {(81, 50): "generic"}
 
@@ -102,17 +117,17 @@ def test_a_quadrotor_s_script_that_names_no_autopilot() -> None:
     """It sends attitudes under an autopilot's number: they are judged. Without any it is only heard."""
     script = {"autopilot": wire.NO_AUTOPILOT, "sysid": 3}
     assert vehicles(judged(beats(**script), attitudes(sysid=3))) == {(3, 1): "quadrotor"}
-    assert vehicles(judged(VEHICLE, beats(**script))) == {(1, 1): "quadrotor"}
+    assert vehicles(judged(vehicle(), beats(**script))) == {(1, 1): "quadrotor"}
 
 
 @pytest.mark.parametrize("strange", [1, 4])
 def test_most_heartbeats_say_what_it_is(strange: int) -> None:
     """A few that say something else come first: the type is that of most, and it is a vehicle."""
     wrong = beats(strange, begin_s=-5.0, vehicle=6, autopilot=wire.NO_AUTOPILOT)
-    assert vehicles(judged(wrong, VEHICLE)) == {(1, 1): "quadrotor"}
-    assert vehicles(judged(beats(strange, begin_s=-5.0, vehicle=1), VEHICLE)) == {(1, 1): "quadrotor"}
+    assert vehicles(judged(wrong, vehicle())) == {(1, 1): "quadrotor"}
+    assert vehicles(judged(beats(strange, begin_s=-5.0, vehicle=1), vehicle())) == {(1, 1): "quadrotor"}
     most = beats(30, begin_s=25.0, vehicle=18)
-    assert vehicles(judged(VEHICLE, most)) == {}
+    assert vehicles(judged(vehicle(), most)) == {}
 
 
 @pytest.fixture
@@ -141,7 +156,7 @@ def test_no_vehicle_says_who_was_heard(tmp_path: Path, checked: Callable[..., tu
 def test_a_system_that_is_not_there(tmp_path: Path, checked: Callable[..., tuple[int, str]]) -> None:
     """Those that are there are listed, the vehicle too."""
     path = tmp_path / "flight.tlog"
-    path.write_bytes(wire.tlog(VEHICLE))
+    path.write_bytes(wire.tlog(vehicle()))
     code, said = checked(path, "--sysid", "7")
     assert code == 4
     assert "system 7 was not heard; there are 1" in said

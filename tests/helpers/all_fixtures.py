@@ -43,7 +43,7 @@ def over_udp(frames: Sequence[RawFrame], speed: float, sink: TlogRecorder) -> Li
     uri = NetworkUri("udpin", "127.0.0.1", free_port())
     with Live(open_link(uri), on_frames=record) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         paced(frames, lambda data: sender.sendto(data, (uri.host, uri.port)), speed)
-        wait_until(lambda: sum(seen) == len(frames), 10)
+        wait_until(lambda: sum(seen) == len(frames))
     return live
 
 

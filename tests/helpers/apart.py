@@ -14,12 +14,12 @@ from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
 
 from tests.helpers import wire
-from tests.helpers.craft import BOOT_S, G_M_S2, Record, attitude_quaternion, parameter, raw_imu, rotvec, rpy
+from tests.helpers.craft import BOOT_S, G_M_S2, Array, Record, parameter, raw_imu, rotvec
 from tests.helpers.craft import State as Told
 
 PLANE, QUADROTOR = 1, 2  # MAV_TYPE
 Motion = Callable[[float], tuple[float, float, float]]  # s → roll, pitch, yaw, deg
-Fault = Callable[[float, Rotation], Rotation]  # s, the true attitude → what the quaternion says
+Fault = Callable[[Array, Rotation], Rotation]  # s, the true attitudes → what the quaternion says
 
 
 def weaving(roll: float = 25.0, pitch: float = 4.0, yaw_deg_s: float = 8.0, period_s: float = 6.0) -> Motion:
@@ -59,27 +59,27 @@ class Apart:
     imu: bool = False
     armed: bool = True
 
-    def true(self, t_s: float) -> Rotation:
-        """The attitude that the estimator has, of the board."""
-        return rpy(*self.motion(t_s))
+    def true(self, t_s: Array) -> Rotation:
+        """The attitudes that the estimator has, of the board."""
+        rpy_deg = np.array([self.motion(t) for t in t_s.tolist()])
+        return Rotation.from_euler("ZYX", rpy_deg[:, ::-1], degrees=True)
 
-    def rates(self, t_s: float) -> np.ndarray:
+    def rates(self, t_s: Array) -> Array:
         """Body rates, rad/s."""
         step = 1e-4
-        turn: np.ndarray = (self.true(t_s - step).inv() * self.true(t_s + step)).as_rotvec() / (2 * step)
+        turn: Array = (self.true(t_s - step).inv() * self.true(t_s + step)).as_rotvec() / (2 * step)
         return turn
 
-    def euler(self, t_s: float) -> Sequence[float]:
+    def euler(self, t_s: Array) -> Array:
         """Roll, pitch and yaw as ArduPilot sends them, rad."""
         x, y = np.radians(self.ahrs_trim_deg)
-        if self.hovers(t_s):
-            yaw, pitch, roll = (self.true(t_s) * rotvec(0.0, -self.view_deg, 0.0)).as_euler("ZYX")
-            return [roll, pitch, yaw]
-        yaw, pitch, roll = self.true(t_s).as_euler("ZYX")
-        return [roll - x, pitch - y - np.radians(self.pitch_trim_deg), yaw]
+        true, hovers = self.true(t_s), np.array([self.hovers(t) for t in t_s.tolist()])
+        viewed = true * rotvec(0.0, -self.view_deg, 0.0)
+        flown = true.as_euler("ZYX") - [0.0, y + np.radians(self.pitch_trim_deg), x]
+        return np.where(hovers[:, None], viewed.as_euler("ZYX"), flown)[:, ::-1]
 
-    def quaternion(self, t_s: float) -> Rotation:
-        """The attitude as the quaternion has it."""
+    def quaternion(self, t_s: Array) -> Rotation:
+        """The attitudes as the quaternion has them."""
         x, y = self.ahrs_trim_deg
         sent = self.true(t_s) * rotvec(-x, -y, 0.0)
         return sent if self.fault is None else self.fault(t_s, sent)
@@ -92,24 +92,25 @@ class Apart:
             sender.seq = len(found) % 256
             found.append((wire.START_US + 1000 * ms, bytes(message.pack(sender))))
 
+        times_ms = np.rint(1000 * np.arange(int(seconds * self.hz)) / self.hz).astype(int)
+        t_s = 1e-3 * times_ms
+        late_s = t_s + 1e-3 * self.apart_ms
+        euler, rates, board = self.euler(t_s), self.rates(t_s), self.true(t_s)
+        quaternion, late_rates = wire.wxyz(self.quaternion(late_s)), self.rates(late_s)
+        force = board.inv().apply([0.0, 0.0, -G_M_S2])
         boot_ms, beat = round(1000 * BOOT_S), 0
-        for tick in range(int(seconds * self.hz)):
-            ms = round(1000 * tick / self.hz)
+        for i, ms in enumerate(times_ms.tolist()):
             if ms >= beat:
                 mode = [mode for since_s, mode in self.modes if since_s <= 1e-3 * ms][-1]
                 base = 81 | 128 * self.armed
                 send(ms, mavlink.MAVLink_heartbeat_message(self.kind, wire.ARDUPILOT, base, mode, 4, 3))
                 beat += 1000
-            t_s = 1e-3 * ms
-            send(ms, mavlink.MAVLink_attitude_message(boot_ms + ms, *self.euler(t_s), *self.rates(t_s)))
+            send(ms, mavlink.MAVLink_attitude_message(boot_ms + ms, *euler[i], *rates[i]))
             if self.imu:
-                board = self.true(t_s)
-                send(ms, raw_imu(boot_ms + ms, Told(board, self.rates(t_s), board.inv().apply([0, 0, -G_M_S2]))))
-            behind, late_s = ms + self.apart_ms, t_s + 1e-3 * self.apart_ms
-            send(
-                behind,
-                attitude_quaternion(boot_ms + behind, Told(self.quaternion(late_s), self.rates(late_s), np.zeros(3))),
-            )
+                send(ms, raw_imu(boot_ms + ms, Told(board[i], rates[i], force[i])))
+            late = ms + self.apart_ms
+            said = (*quaternion[i], *late_rates[i], [0, 0, 0, 0])
+            send(late, mavlink.MAVLink_attitude_quaternion_message(boot_ms + late, *said))
         return found
 
 
@@ -124,9 +125,9 @@ def told(*, at_s: float, **values: float) -> list[Record]:
 
 def yawed(deg: float, from_s: float) -> Fault:
     """A yaw offset from some time on."""
-    return lambda t_s, sent: rotvec(0.0, 0.0, deg) * sent if t_s >= from_s else sent
+    return lambda t_s, sent: Rotation.from_rotvec(np.outer(t_s >= from_s, [0.0, 0.0, deg]), degrees=True) * sent
 
 
 def mounted(*deg: float, from_s: float = 0.0) -> Fault:
     """A mount offset from some time on."""
-    return lambda t_s, sent: sent * rotvec(*deg) if t_s >= from_s else sent
+    return lambda t_s, sent: sent * Rotation.from_rotvec(np.outer(t_s >= from_s, deg), degrees=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,6 +73,28 @@ def spinning(axis: Sequence[float] = (0, 0, 1), deg_s: float = 2.0, at: Rotation
     return lambda t_s: ((rpy() if at is None else at) * Rotation.from_rotvec(rates * t_s), rates)
 
 
+_SLOWLY = spinning()
+
+
+# Flights of one test file mostly turn the same way: SciPy is asked once.
+
+
+@lru_cache(maxsize=20_000)
+def _moving(turn: StreamChange, t_s: float) -> tuple[Rotation, Array, Array]:
+    """Attitude, rates, and the force where it does not accelerate."""
+    rotation, rates = turn(t_s)
+    return rotation, rates, rotation.inv().apply([0.0, 0.0, -G_M_S2])
+
+
+@lru_cache(maxsize=20_000)
+def _yaw_pitch_roll(rotation: Rotation) -> tuple[float, float, float]:
+    yaw, pitch, roll = rotation.as_euler("ZYX").tolist()
+    return yaw, pitch, roll
+
+
+_wxyz = lru_cache(maxsize=20_000)(wire.wxyz)
+
+
 # --- changes ---------------------------------------------------------------------------------------------------------
 
 
@@ -128,17 +151,17 @@ def two_sided(change: Change) -> dict[str, Any]:
 
 
 def attitude(ms: int, state: State) -> Any:
-    yaw, pitch, roll = state.rotation.as_euler("ZYX")
+    yaw, pitch, roll = _yaw_pitch_roll(state.rotation)
     return mavlink.MAVLink_attitude_message(ms, roll, pitch, yaw, *state.rates)
 
 
 def attitude_quaternion(ms: int, state: State) -> Any:
-    q = state.norm * wire.wxyz(state.rotation)
+    q = state.norm * _wxyz(state.rotation)
     return mavlink.MAVLink_attitude_quaternion_message(ms, *q, *state.rates, [0, 0, 0, 0])
 
 
 def ahrs2(_: int, state: State) -> Any:
-    yaw, pitch, roll = state.rotation.as_euler("ZYX")
+    yaw, pitch, roll = _yaw_pitch_roll(state.rotation)
     return mavlink.MAVLink_ahrs2_message(roll, pitch, yaw, 0, 0, 0)
 
 
@@ -195,7 +218,7 @@ class Craft:
     `force` maps (second, attitude) to the specific force; without it, that of a vehicle that does not accelerate.
     """
 
-    turn: StreamChange = field(default_factory=spinning)
+    turn: StreamChange = field(default_factory=lambda: _SLOWLY)
     euler: Change | None = true
     quaternion: Change | None = true
     imu: Change | None = None
@@ -213,10 +236,10 @@ class Craft:
     boot_s: float = BOOT_S
 
     def state(self, t_s: float) -> State:
-        rotation, rates = self.turn(t_s)
-        if self.force is None:
-            return State(rotation, rates, rotation.inv().apply([0.0, 0.0, -G_M_S2]))
-        return State(rotation, rates, np.asarray(self.force(t_s, rotation), np.float64))
+        rotation, rates, force = _moving(self.turn, t_s)
+        if self.force is not None:
+            force = np.asarray(self.force(t_s, rotation), np.float64)
+        return State(rotation, rates, force)
 
     def records(self, seconds: float) -> list[Record]:
         """(record time, frame) of this many seconds of flight."""

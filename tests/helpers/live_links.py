@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import itertools
 import json
 import os
 import signal
@@ -20,6 +21,8 @@ import pytest
 from gcs_bridge import events
 from gcs_bridge.contract import plain
 from gcs_bridge.judging.monitor import Monitor
+from gcs_bridge.links import link as link_module
+from gcs_bridge.links import loop
 from gcs_bridge.links.link import Link
 from gcs_bridge.links.loop import listen
 from gcs_bridge.mavlink.dialect import load_dialect
@@ -34,6 +37,7 @@ from gcs_bridge.sinks.base import SinkContext
 from gcs_bridge.sinks.event_lines import event_json, link_name
 from gcs_bridge.sinks.tlog import TlogRecorder
 from tests.helpers.paths import FIXTURES
+from tests.helpers.processes import OWN_NUMBER
 
 Event = dict[str, Any]
 
@@ -50,9 +54,14 @@ def tlog_of(frames: Sequence[RawFrame]) -> bytes:
 
 
 @functools.cache
+def _whole(name: str) -> list[RawFrame]:
+    return frames_of((FIXTURES / f"{name}.tlog").read_bytes())
+
+
+@functools.cache
 def fixture(name: str, *, from_s: float = 0.0, to_s: float = 1e6, fault: str | None = None) -> tuple[RawFrame, ...]:
     """The frames of a bundled recording between two times, the last third with a fault."""
-    frames = frames_of((FIXTURES / f"{name}.tlog").read_bytes())
+    frames = _whole(name)
     first_us = frames[0].t_rx_us
     frames = [frame for frame in frames if from_s * 1e6 <= frame.t_rx_us - first_us < to_s * 1e6]
     if fault is None:
@@ -96,19 +105,37 @@ def recorded_judgement(recording: bytes) -> list[dict[str, Any]]:
     return judgement(monitor.close().files[0])
 
 
+# Between being found free and being bound a port may be taken: each process of tests has 300 of its own, one after the
+# other, below those that the system gives to whoever asks for any.
+_ports = itertools.cycle(range(10_000 + 300 * (OWN_NUMBER % 33), 10_300 + 300 * (OWN_NUMBER % 33)))
+
+
 def free_port(kind: int = socket.SOCK_DGRAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+    """Of this machine, that nobody else is going to take."""
+    for port in _ports:
+        with contextlib.suppress(OSError), socket.socket(socket.AF_INET, kind) as probe:
+            probe.bind(("", port))
+            return port
+    raise AssertionError
 
 
-def wait_until(true: Callable[[], bool], seconds: float = 5.0) -> None:
-    """Wait for something that another thread or process does; fail if it does not."""
+def wait_until(true: Callable[[], bool], seconds: float = 30.0) -> None:
+    """Wait for something that another thread or process does; fail if it does not, however busy the machine is."""
     ends_s = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < ends_s, "waited in vain"
         time.sleep(0.005)
+
+
+def hurry(monkeypatch: pytest.MonkeyPatch, times: float) -> None:
+    """Let the clock that links and the loop read go so many times as fast: seconds of silence are soon over."""
+    began_us = link_module.now_us()
+
+    def hurried_us() -> int:
+        return began_us + round(times * (time.time_ns() / 1000 - began_us))
+
+    for module in (link_module, loop):
+        monkeypatch.setattr(module, "now_us", hurried_us)
 
 
 def paced(frames: Sequence[RawFrame], send: Callable[[bytes], Any], speed: float) -> None:
@@ -143,7 +170,7 @@ def tcp_sender(
                         peer.sendall(stream[start : start + cut])
                         time.sleep(0.001)
                 peer.shutdown(socket.SHUT_WR)
-                peer.settimeout(5)
+                peer.settimeout(30)
                 received.append(peer.recv(1))  # b"" once the other side has closed, too
 
         thread = threading.Thread(target=serve, daemon=True)
@@ -205,7 +232,7 @@ class Live:
             station.close()
         assert not self._thread.is_alive()
 
-    def wait_for_the_end(self, seconds: float = 30.0) -> None:
+    def wait_for_the_end(self, seconds: float = 60.0) -> None:
         """Wait until every link has gone."""
         wait_until(lambda: self.names().count("link_down") == len(self._links), seconds)
 
@@ -243,13 +270,17 @@ class Process:
             os.close(self._stdout)
             self._stdout = -1
 
-    def wait_for(self, words: str, seconds: float = 20.0) -> None:
+    def wait_for(self, words: str, seconds: float = 60.0) -> None:
         wait_until(lambda: any(words in line for line in self._read()), seconds)
 
     def signal(self, number: signal.Signals) -> None:
         self._process.send_signal(number)
 
-    def ended(self, seconds: float = 30.0) -> tuple[int, str]:
+    @property
+    def process_id(self) -> int:
+        return self._process.pid
+
+    def ended(self, seconds: float = 60.0) -> tuple[int, str]:
         """Its exit code and what it wrote to standard error, once it has ended."""
         _, errors = self._process.communicate(timeout=seconds)
         self._read()

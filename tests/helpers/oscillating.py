@@ -19,7 +19,6 @@ from tests.helpers.craft import (
     attitude,
     attitude_quaternion,
     raw_imu,
-    rpy,
 )
 
 Rates = Callable[[float, Array], Array]  # time, s, and the true rates, rad/s → what the gyro says
@@ -45,27 +44,27 @@ def swing(
     ATTITUDE comes `sampled_hz` times a second, the IMU `imu_hz` times, `place` periods later.
     """
     imu_hz = imu_hz or sampled_hz
-    w, rate = 2 * np.pi * hz, np.radians(deg_s)
-
-    def state(t_s: float) -> State:
-        angle, rates = np.zeros(3), np.zeros(3)
-        if span_s[0] <= t_s < span_s[1]:
-            angle[axis] = rate / w * np.sin(w * (t_s - span_s[0]))
-            rates[axis] = rate * np.cos(w * (t_s - span_s[0]))
-        swung = Rotation.from_rotvec(angle)
-        rotation = rpy(yaw=30 + yaw_deg_s * t_s) * swung
-        turning = swung.inv().apply([0, 0, np.radians(yaw_deg_s)])
-        force = rotation.inv().apply([0.0, 0.0, -G_M_S2])
-        return State(rotation, rates + turning + np.array([1e-3, 5e-4, 0.0]), force)
-
-    beat = mavlink.MAVLink_heartbeat_message(wire.QUADROTOR, wire.ARDUPILOT, 81, 0, 4, 3)
     ticks = [(1000 * i, "beat") for i in range(int(seconds))]
     ticks += [(round(1000 * i / sampled_hz), "attitude") for i in range(int(seconds * sampled_hz))]
     ticks += [(round(1000 * (i + place) / imu_hz), "imu") for i in range(int(seconds * imu_hz))]
+    ticks.sort()
+    t_s = np.array([ms for ms, _ in ticks]) / 1000
+    w, rate = 2 * np.pi * hz, np.radians(deg_s)
+    since_s, swings = t_s - span_s[0], (span_s[0] <= t_s) & (t_s < span_s[1])
+    about = np.eye(3)[axis]
+    swung = Rotation.from_rotvec(np.outer(swings * rate / w * np.sin(w * since_s), about))
+    heading = np.outer(30 + yaw_deg_s * t_s, [1, 0, 0])
+    rotation = Rotation.from_euler("ZYX", heading, degrees=True) * swung
+    rates = np.outer(swings * rate * np.cos(w * since_s), about) + swung.inv().apply([0, 0, np.radians(yaw_deg_s)])
+    rates += [1e-3, 5e-4, 0.0]
+    force = rotation.inv().apply([0.0, 0.0, -G_M_S2])
+
+    beat = mavlink.MAVLink_heartbeat_message(wire.QUADROTOR, wire.ARDUPILOT, 81, 0, 4, 3)
     sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     records: list[Record] = []
-    for ms, kind in sorted(ticks):
-        now, boot_ms = state(ms / 1000), ms + round(1000 * BOOT_S)
+    for i, (ms, kind) in enumerate(ticks):
+        boot_ms = ms + round(1000 * BOOT_S)
+        now = State(rotation[i], rates[i], force[i])
         if kind == "beat":
             messages = [beat]
         elif kind == "attitude":

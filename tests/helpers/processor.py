@@ -1,6 +1,7 @@
 """Time limits on a busy machine: waiting for a processor is told from waiting for somebody."""
 
 import threading
+import time
 from pathlib import Path
 
 
@@ -15,3 +16,8 @@ def queued_s(thread: int | None = None) -> float:
     except OSError:
         return 0.0
     return int(told.split()[1]) / 1e9
+
+
+def awake_s() -> float:
+    """A clock that stands still while this thread waits for a processor, and goes on while it waits for others."""
+    return time.monotonic() - queued_s()

@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 from gcs_bridge.contract import plain
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.viewer import open_viewer
+from tests.helpers.processes import OWN_NUMBER
 
 RERUN = (sys.executable, "-m", "rerun_cli")
 QUIET = {**os.environ, "CI": "1", "RUST_LOG": "error"}  # CI: no welcome, and nothing is reported home
 
-# A viewer binds its port some time after it was found free: each worker of pytest-xdist looks among 400 of its own.
-_FIRST_PORT = 20_000 + 400 * (int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % 100)
+# A viewer binds its port some time after it was found free: each process of tests looks among 400 of its own.
+_FIRST_PORT = 20_000 + 400 * (OWN_NUMBER % 30)
 DATA_PORT, WEB_PORT, WINDOW_PORT, HEADLESS_PORT = range(_FIRST_PORT, _FIRST_PORT + 400, 100)
 
 can_draw = pytest.mark.skipif(
@@ -35,6 +36,9 @@ can_draw = pytest.mark.skipif(
 )
 has_screen = pytest.mark.skipif(not shutil.which("Xvfb"), reason="apt-get install xvfb")
 has_browser = pytest.mark.skipif(not shutil.which("chromium"), reason="apt-get install chromium")
+
+
+Picture = NDArray[np.int64]  # height × width × RGB
 
 
 class Drawn:
@@ -159,24 +163,21 @@ class Headless:
 
         return np.array(eventually(of_the_cursor))[:3, :3]
 
-    def picture(self, only: str | None = None) -> NDArray[np.int64]:
-        """A screenshot, of the view of one class if asked; taken when it is the same twice."""
+    def views(self) -> list[str]:
+        """The classes of its views, sorted."""
+        return sorted(view.view_class for view in self.client.get_state().views)
+
+    def shows(self, what: Callable[[Picture], object], only: str | None = None) -> None:
+        """Wait for a screenshot, of the view of one class if asked, of which `what` asserts nothing in vain."""
         from PIL import Image
 
-        chosen = [view.view_id for view in self.client.get_state().views if view.view_class == only]
-
-        def taken() -> NDArray[np.int64]:
+        def shown() -> bool:
+            chosen = [view.view_id for view in self.client.get_state().views if view.view_class == only]
             png = self.client.take_screenshot(*chosen)
-            return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(np.int64)
+            what(np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(np.int64))
+            return True
 
-        before = taken()
-        for _ in range(20):
-            time.sleep(0.5)
-            now = taken()
-            if np.array_equal(before, now):
-                break
-            before = now
-        return before
+        eventually(shown)
 
     def errors(self) -> list[Any]:
         return [report for view in self.client.get_state().views for report in view.reports]

@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,16 @@ def pack(
     message: Any, *, seq: int = 0, sysid: int = 1, compid: int = 1, version: int = 2, key: bytes | None = None
 ) -> bytes:
     """The frame of one of pymavlink's messages, signed with `key` where one is given."""
-    sender = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=compid)
+    sender = _sender(sysid, compid) if key is None else mavlink.MAVLink(None, srcSystem=sysid, srcComponent=compid)
     sender.seq = seq % 256
     if key is not None:
         sender.signing.secret_key, sender.signing.sign_outgoing = key, True
     return bytes(message.pack(sender, force_mavlink1=version == 1))
+
+
+@lru_cache(maxsize=500)
+def _sender(sysid: int, compid: int) -> Any:
+    return mavlink.MAVLink(None, srcSystem=sysid, srcComponent=compid)
 
 
 def heartbeat(*, autopilot: int = ARDUPILOT, vehicle: int = QUADROTOR, custom_mode: int = 0, **wire: Any) -> bytes:

@@ -77,17 +77,26 @@ def test_datagrams_keep_their_borders_and_times() -> None:
     """Each comes alone, with the time at which it arrived, however late it is fetched."""
     with udp() as (link, sender):
         assert link.framing is Framing.DATAGRAM
-        time.sleep(0.1)  # Linux begins to stamp a moment after it was asked to
-        assert list(link.drain()) == []
-        sent_us = []
-        for data in (b"one", b"", b"three" * 300):
-            sent_us.append(time.time_ns() // 1000)
-            sender.send(data)
-            time.sleep(0.03)
-        pieces = list(link.drain())
+        spans_us: list[tuple[int, int]] = []
+
+        def sent(*several: bytes) -> list[Chunk]:
+            spans_us.clear()
+            for data in several:
+                before_us = time.time_ns() // 1000
+                sender.send(data)
+                spans_us.append((before_us, time.time_ns() // 1000))
+                time.sleep(0.03)
+            return list(link.drain())
+
+        def on_time(pieces: list[Chunk]) -> bool:
+            # The times are of the kernel's clock, which it reads in the call that sends.
+            return all(a - 1000 <= one.t_rx_us <= b + 1000 for one, (a, b) in zip(pieces, spans_us, strict=True))
+
+        if sys.platform == "linux":  # where the kernel tells, from a moment behind the wish on
+            wait_until(lambda: on_time(sent(b"first")))
+        pieces = sent(b"one", b"", b"three" * 300)
         assert [piece.data for piece in pieces] == [b"one", b"", b"three" * 300]
-        if sys.platform == "linux":  # where the kernel tells
-            assert all(0 <= piece.t_rx_us - us < 20_000 for piece, us in zip(pieces, sent_us, strict=True))
+        assert on_time(pieces) or sys.platform != "linux"
 
 
 @pytest.mark.parametrize("many_at_once", [True, False])
@@ -193,7 +202,7 @@ def test_nothing_is_sent_over_udp() -> None:
     uri = NetworkUri("udpin", "127.0.0.1", free_port())
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle, Live(open_link(uri)) as live:
         vehicle.bind(("127.0.0.1", 0))
-        for frame in fixture("e_two_vehicles", to_s=8):
+        for frame in fixture("e_two_vehicles", to_s=3):
             vehicle.sendto(frame.data, ("127.0.0.1", uri.port))
             time.sleep(0.0002)
         wait_until(lambda: live.names().count("vehicle_seen") == 2)
@@ -205,7 +214,7 @@ def test_nothing_is_sent_over_udp() -> None:
 
 def test_nothing_is_sent_over_tcp() -> None:
     """From opening to closing, the server receives no byte."""
-    with tcp_sender(fixture("e_two_vehicles", to_s=8), 20) as (port, received):
+    with tcp_sender(fixture("e_two_vehicles", to_s=3), 20) as (port, received):
         with Live(open_link(NetworkUri("tcp", "127.0.0.1", port))) as live:
             live.wait_for_the_end()
             assert live.names().count("vehicle_seen") == 2
@@ -217,7 +226,7 @@ def test_nothing_is_sent_over_serial() -> None:
     """Neither opening nor listening nor closing writes to the device."""
     with terminals() as (master, device):
         with Live(open_link(SerialUri(device, 57600))) as live:
-            for frame in fixture("e_two_vehicles", to_s=8):
+            for frame in fixture("e_two_vehicles", to_s=3):
                 os.write(master, frame.data)
                 time.sleep(0.0005)
             wait_until(lambda: live.names().count("vehicle_seen") == 2)
@@ -384,5 +393,5 @@ def test_nothing_is_sent_to_a_client() -> None:
             client.sendall(frame.data)
         wait_until(lambda: live.names().count("vehicle_seen") == 2)
         client.shutdown(socket.SHUT_WR)
-        client.settimeout(5)
+        client.settimeout(30)
         assert client.recv(1) == b""  # it has closed, and said nothing

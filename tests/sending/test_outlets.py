@@ -11,6 +11,7 @@ from gcs_bridge.links.uri import NetworkUri
 from gcs_bridge.sending.loops import refuse_loop
 from gcs_bridge.sending.outlets import Heard, Outlet, open_outlet, parse_relay
 from tests.helpers.live_links import fixture, free_port, wait_until
+from tests.helpers.processor import awake_s
 
 FRAMES = [frame.data for frame in fixture("e_two_vehicles", to_s=4)]
 WHOLE = b"".join(FRAMES)
@@ -39,7 +40,7 @@ class Opened:
         wait_until(enough)
         return got
 
-    def run_until(self, true: Callable[[], bool], seconds: float = 5.0) -> None:
+    def run_until(self, true: Callable[[], bool], seconds: float = 30.0) -> None:
         def done() -> bool:
             self.outlet.run(time.monotonic())
             return true()
@@ -53,7 +54,7 @@ def station() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
         made.bind(("127.0.0.1", 0))
         made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2**22)
-        made.settimeout(5)
+        made.settimeout(30)
         yield made
 
 
@@ -85,7 +86,7 @@ def test_udpout_before_anybody_listens() -> None:
             relay.outlet.run(time.monotonic())
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
             station.bind(("127.0.0.1", port))
-            station.settimeout(5)
+            station.settimeout(30)
             relay.outlet.send(FRAMES[:20])
             assert [station.recv(65_536) for _ in range(20)] == FRAMES[:20]
 
@@ -140,7 +141,7 @@ def test_tcp_comes_back() -> None:
         assert relay.said == [f"relay tcp:127.0.0.1:{port}: connection refused; trying again"]
         for turn in range(2):
             with socket.create_server(("127.0.0.1", port)) as server:
-                server.settimeout(5)
+                server.settimeout(30)
                 begun = [time.monotonic() + 100 * (turn + 1)]
 
                 def connected(begun: list[float] = begun) -> bool:
@@ -172,9 +173,9 @@ def test_a_station_that_takes_nothing(kind: str) -> None:
         sent = 0
         longest_s = 0.0
         for _ in range(600):
-            began_s = time.monotonic()
+            began_s = awake_s()
             relay.outlet.send(FRAMES)
-            longest_s = max(longest_s, time.monotonic() - began_s)
+            longest_s = max(longest_s, awake_s() - began_s)
             sent += len(FRAMES)
         assert longest_s < 0.25
         assert sent * len(WHOLE) / len(FRAMES) > 15e6

@@ -6,6 +6,7 @@ import pty
 import re
 import select
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from tests.helpers.flying import GroundStation
 from tests.helpers.live_links import PROGRAM, Process, fixture, free_port
 from tests.helpers.multicast import GROUP, Group, multicast_works
 
-FRAMES = [frame.data for frame in fixture("e_two_vehicles", to_s=6)]
+FRAMES = [frame.data for frame in fixture("e_two_vehicles", to_s=2)]
 _STRACE = shutil.which("strace")
 _SENDING = "sendto,sendmsg,sendmmsg,write,writev,pwrite64,pwritev,pwritev2,sendfile,splice"
 _INTERFACES = "nlmsg_type=RTM_GETLINK"  # which there are: `mcast:` takes part at each of them
@@ -82,7 +83,7 @@ class Peers:
                 for one in group:
                     one.send(frame)
                 time.sleep(0.001)
-            time.sleep(1.5)  # longer than from one heartbeat to the next
+            time.sleep(1.1)  # longer than from one heartbeat to the next
             came = b""
             descriptors = [self._udp.fileno(), tcp.fileno(), client.fileno(), self._master]
             while readable := select.select(descriptors, [], [], 0.1)[0]:
@@ -90,16 +91,24 @@ class Peers:
             return came + b"".join(data for one in group for data in one.received())
 
 
+def _of_the_program(process: Process) -> int:
+    """The process id: strace, which passes no signal on, has it for a child."""
+    children = Path(f"/proc/{process.process_id}/task/{process.process_id}/children")
+    name = Path(f"/proc/{process.process_id}/comm")
+    traced = name.exists() and name.read_text().strip() == "strace"
+    return int(children.read_text().split()[0]) if traced else process.process_id
+
+
 @contextlib.contextmanager
 def flown(program: list[str], *options: str) -> Iterator[tuple[Peers, bytes]]:
     """`listen` on all kinds of link at once, while a vehicle flies on each; what came back, once it has ended."""
     with Peers() as peers:
-        arguments = ("listen", *peers.uris, "--viewer", "none", "--duration", "8", *options)
-        with Process(*arguments, program=program) as process:
-            process.wait_for("link up", 60)
+        with Process("listen", *peers.uris, "--viewer", "none", *options, program=program) as process:
+            process.wait_for("link up")
             came = peers.fly()
-            process.wait_for("vehicle seen", 60)
-            assert process.ended(60)[0] == 0
+            process.wait_for("vehicle seen")
+            os.kill(_of_the_program(process), signal.SIGTERM)
+            assert process.ended()[0] == 0
         yield peers, came
 
 

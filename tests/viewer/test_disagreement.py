@@ -21,7 +21,7 @@ from gcs_bridge.viewer.disagreement import undoing
 from gcs_bridge.viewer.processes import free_port
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
-from tests.helpers.viewer_tools import HEADLESS_PORT, Drawn, can_draw, drawn, headless
+from tests.helpers.viewer_tools import HEADLESS_PORT, Drawn, Picture, can_draw, drawn, headless
 
 Array = NDArray[np.float64]
 
@@ -351,15 +351,20 @@ def test_the_viewer_shows_it_and_hides_it_again(tmp_path: Path) -> None:
     """In rerun's own picture: the axis and the corrected triad while the fault lasts; neither behind it."""
     path = tmp_path / "a.rrd"
     drawn(flown("yaw_offset:60", until_s=14.0), path)
-    colours = ((255, 240, 120), (150, 255, 110))
-    seen = []
+
+    def both(picture: Picture) -> list[int]:
+        """Pixels of the axis, and of the corrected triad."""
+        return [int((np.abs(picture - colour).max(axis=2) < 30).sum()) for colour in ((255, 240, 120), (150, 255, 110))]
+
+    def are_seen(picture: Picture) -> None:
+        assert min(both(picture)) > 100
+
+    def are_gone(picture: Picture) -> None:
+        assert max(both(picture)) < 20
+
     with headless(path, free_port(HEADLESS_PORT)) as viewer:
         viewer.wait_for("boot", 33_000_000)
-        for boot_us in (22_000_000, 33_000_000):
+        for boot_us, what in ((22_000_000, are_seen), (33_000_000, are_gone)):
             viewer.go_to(boot_us)
-            picture = viewer.picture(only="3D")
-            seen.append([int((np.abs(picture - colour).max(axis=2) < 30).sum()) for colour in colours])
+            viewer.shows(what, only="3D")
         assert viewer.errors() == []
-    during, behind = seen
-    assert min(during) > 100
-    assert max(behind) < min(during) / 5
