@@ -157,9 +157,9 @@ class Link:
     def _first_judged(self, most: int) -> list[LinkVehicle]:
         """Of the vehicles that came for long enough the first ones: in the order in which there was enough of them."""
         found = [
-            (judged_from, address)
+            (vehicle.judged_from, address)
             for address, vehicle in self._vehicles.items()
-            if (judged_from := vehicle.judged_from) is not None and vehicle.reader.is_vehicle
+            if vehicle.judged_from is not None and vehicle.reader.is_vehicle
         ]
         return [self._vehicles[address] for _, address in sorted(found)[:most]]
 

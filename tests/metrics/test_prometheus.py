@@ -165,7 +165,7 @@ def test_prometheus_reads_the_bridge(tmp_path: Path) -> None:
     """A flight with a fault over UDP: it is read, the alert fires, no counter goes back, every query has its answer."""
     target, link = free_port(socket.SOCK_STREAM), free_port()
     healthy = fixture("d_plane_pitchtrim3", to_s=8)
-    faulty = fixture("d_plane_pitchtrim3", from_s=8, to_s=24, fault="yaw_offset:25")
+    faulty = fixture("d_plane_pitchtrim3", from_s=8, to_s=17, fault="yaw_offset:25")
     with ExitStack() as stack:
         options = ("--viewer", "none", "--metrics", str(target))
         process = stack.enter_context(Process("listen", f"udpin:127.0.0.1:{link}", *options))
