@@ -105,9 +105,12 @@ class Monitor:
         """Tell of an alarm again before its time; UsageError for one that is not shelved."""
         return _plain(self._monitor.unshelve(alarm_id, t_rx_us))
 
-    def snapshot(self) -> Snapshot:
-        """What is known now of every link and vehicle; nothing is closed or changed by it."""
-        return self._monitor.snapshot()
+    def snapshot(self, *, most_vehicles: int | None = None) -> Snapshot:
+        """What is known now of every link and vehicle; nothing is closed or changed by it.
+
+        `most_vehicles`: of each link no more than so many, those that could be judged first.
+        """
+        return self._monitor.snapshot(most_vehicles=most_vehicles)
 
     def finish(self) -> list[PlainEvent]:
         """Nothing follows: decide what is still undecided, and tell what comes of it."""

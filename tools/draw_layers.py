@@ -37,7 +37,7 @@ WAY = (
     ("the mistake behind them", ("diagnosis",)),
     ("events", ("judging",)),
     ("report", ("report",)),
-    ("written, shown, kept, passed on", ("sinks", "viewer", "evidence", "sending")),
+    ("written, shown, kept, passed on", ("sinks", "viewer", "evidence", "sending", "metrics")),
 )
 """What is handed on, in order, and the packages that make it."""
 

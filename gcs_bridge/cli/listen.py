@@ -34,6 +34,13 @@ __all__ = ["listen"]
 )
 @click.option("--statustext", "texts", is_flag=True, help="Say alarms to the operator's ground station. TRANSMITS.")
 @click.option("--act-as-gcs", "as_gcs", is_flag=True, help="Send a ground station's heartbeats. TRANSMITS.")
+@click.option(
+    "--metrics",
+    "metrics_port",
+    type=click.IntRange(0, 65535),
+    metavar="PORT",
+    help="Serve metrics for Prometheus at 127.0.0.1:PORT; 0: at any that is free.",
+)
 @click.option("--duration", "duration_s", type=float, metavar="S", help="End after S seconds.")
 @live_options
 def listen(
@@ -44,6 +51,7 @@ def listen(
     rates_hz: float | None,
     texts: bool,
     as_gcs: bool,
+    metrics_port: int | None,
     duration_s: float | None,
     **options: Any,
 ) -> int:
@@ -90,4 +98,5 @@ def listen(
         return opened
 
     title = ", ".join(map(str, parsed))
-    return run.run([opener(uri) for uri in parsed], title=title, duration_s=duration_s, asked=asked)
+    openers = [opener(uri) for uri in parsed]
+    return run.run(openers, title=title, duration_s=duration_s, asked=asked, metrics_port=metrics_port)

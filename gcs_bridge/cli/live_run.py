@@ -21,6 +21,7 @@ from gcs_bridge.sinks.base import Sink, SinkContext, Sinks
 if TYPE_CHECKING:  # loaded when there is something to run
     from gcs_bridge.links.link import Link
     from gcs_bridge.links.loop import Stop
+    from gcs_bridge.metrics.served import MetricsServer
     from gcs_bridge.report import Report
     from gcs_bridge.sending.asked import Asked
     from gcs_bridge.sending.station import Station
@@ -113,17 +114,18 @@ class LiveRun:
         beside: Callable[[], AbstractContextManager[Any]] = nullcontext,
         sinks: Iterable[Sink] = (),
         asked: Asked | None = None,
+        metrics_port: int | None = None,
     ) -> int:
         """Listen on the links that `openers` open until a signal, or `duration_s`, ends it; returns the exit code.
 
         `beside` is entered for the time of listening; `sinks` come to those that are asked for; `asked`: what is to be
-        sent. A link that cannot be opened is a SourceError.
+        sent; `metrics_port`: where Prometheus may read. A link or port that cannot be opened is a SourceError.
         """
         from gcs_bridge.links.loop import Stop
 
         with Stop() as stop, ExitStack() as stack:
             try:
-                return self._run(stack, stop, openers, title, duration_s, beside, sinks, asked)
+                return self._run(stack, stop, openers, title, duration_s, beside, sinks, asked, metrics_port)
             except KeyboardInterrupt:  # before anything was heard, or by somebody in a hurry
                 return 0
 
@@ -137,6 +139,7 @@ class LiveRun:
         beside: Callable[[], AbstractContextManager[Any]],
         more: Iterable[Sink],
         asked: Asked | None,
+        metrics_port: int | None,
     ) -> int:
         from gcs_bridge.cli.service import Hangup, Notifier
         from gcs_bridge.judging.monitor import Monitor
@@ -150,12 +153,15 @@ class LiveRun:
             links.append(open_link())
             stack.callback(links[-1].close)
         station = self._station(stack, links, asked)
-        sinks = Sinks([*self._opened(stack, title, [link.name for link in links]), *station, *more])
+        metrics = self._metrics(stack, links, metrics_port)
+        sinks = Sinks([*self._opened(stack, title, [link.name for link in links]), *station, *metrics, *more])
         hangup = stack.enter_context(Hangup(sinks.reopen, stop.ask))
-        errands: list[Errand] = [*station, notifier, hangup]
+        errands: list[Errand] = [*station, *metrics, notifier, hangup]
         monitor = Monitor(
             settings=self._settings, dialect=options.dialect, observer=sinks.observer, on_frames=sinks.on_frames
         )
+        for server in metrics:
+            server.follow(monitor)
         # What is there by now stays: no later collection of garbage goes through it, and holds the loop up meanwhile.
         gc.collect()
         gc.freeze()
@@ -191,6 +197,17 @@ class LiveRun:
         station = Station(asked, self._settings.transmit, links, dialect=self._options.dialect, note=_note)
         stack.callback(station.close)
         return [station]
+
+    def _metrics(self, stack: ExitStack, links: Sequence[Link], port: int | None) -> list[MetricsServer]:
+        """What Prometheus reads, where that was asked for."""
+        if port is None:
+            return []
+        from gcs_bridge.metrics.served import MetricsServer
+
+        server = MetricsServer(port, [link.name for link in links])
+        stack.callback(server.close)
+        _note(f"metrics are at {server.url}")
+        return [server]
 
     def print_result(self, text: str) -> None:
         """Print a part of the result: on standard output, unless a sink has that for itself."""

@@ -109,9 +109,10 @@ class Link:
         managers = (vehicle.alarm_manager for vehicle in self._vehicles.values())
         return (manager for manager in managers if manager is not None)
 
-    def now(self, name: int | str) -> tuple[LinkNow, list[VehicleNow]]:
-        """What is known now of the link `name` and of its vehicles."""
+    def now(self, name: int | str, most: int | None) -> tuple[LinkNow, list[VehicleNow]]:
+        """What is known now of the link `name` and of its vehicles: of all, or of the `most` that came first."""
         salvage = self._scanner.salvage
+        vehicles = self._listed(MOST_BRIEF_NOW) if most is None else self._first_judged(most)
         link = LinkNow(
             name=name,
             is_open=self.is_open,
@@ -119,8 +120,8 @@ class Link:
             bytes=salvage.bytes,
             bad_crc=salvage.bad_crc,
             skipped_bytes=salvage.skipped_bytes,
+            unlisted=self._claimed - len(vehicles),
         )
-        vehicles = self._listed(MOST_BRIEF_NOW)
         return link, [vehicle.judge.now(vehicle.reader, self._sorter.latest_rx_us) for vehicle in vehicles]
 
     def finish(self) -> list[Event]:
@@ -153,6 +154,20 @@ class Link:
             return vehicles
         return [vehicle for vehicle in vehicles if not vehicle.is_brief]
 
+    def _first_judged(self, most: int) -> list[LinkVehicle]:
+        """Of the vehicles that came for long enough the first ones: in the order in which there was enough of them."""
+        found = [
+            (vehicle.judged_from, address)
+            for address, vehicle in self._vehicles.items()
+            if vehicle.judged_from is not None and vehicle.reader.is_vehicle
+        ]
+        return [self._vehicles[address] for _, address in sorted(found)[:most]]
+
+    @property
+    def _claimed(self) -> int:
+        """How many claim to be vehicles."""
+        return sum(vehicle.reader.is_vehicle for vehicle in self._vehicles.values())
+
     def _remarks(self, salvage: Salvage) -> Iterator[str]:
         """What there is to say of how the bytes came."""
         if salvage.line_ends is not None:
@@ -166,7 +181,7 @@ class Link:
             told = copies(vehicle.reader.received, repeated)
             if told is not None:
                 yield f"{told}, by {{}},{{}}: it counts once".format(*vehicle.reader.vehicle.address)
-        unlisted = sum(vehicle.reader.is_vehicle for vehicle in self._vehicles.values()) - len(vehicles)
+        unlisted = self._claimed - len(vehicles)
         if unlisted:
             yield f"{unlisted} that claim to be vehicles were heard too briefly to be judged, and are not listed"
         wanted = self._judged.sysid

@@ -77,6 +77,11 @@ class LinkVehicle:
         self._held: list[Notice] = []  # until it is known to be one
 
     @property
+    def judged_from(self) -> int | None:
+        """The frame with which enough came of it to be judged."""
+        return self._told_from
+
+    @property
     def is_brief(self) -> bool:
         """Whether it was heard too briefly to be judged."""
         return self._told_from is None

@@ -162,9 +162,13 @@ class Monitor:
                     return events_of(what(manager, link.frames))
         raise UsageError(f"unknown alarm {alarm_id!r}")
 
-    def snapshot(self) -> Snapshot:
-        """What is known now of every link and vehicle; nothing is closed or changed by it."""
-        parts = [link.now(name) for name, link in self._links.items()]
+    def snapshot(self, *, most_vehicles: int | None = None) -> Snapshot:
+        """What is known now of every link and vehicle; nothing is closed or changed by it.
+
+        `most_vehicles`: of each link no more than so many, those that could be judged first, so that one that is listed
+        stays so whoever comes later; and none that was heard too briefly to be judged.
+        """
+        parts = [link.now(name, most_vehicles) for name, link in self._links.items()]
         vehicles = tuple(vehicle for _, several in parts for vehicle in several)
         return Snapshot(links=tuple(link for link, _ in parts), vehicles=vehicles)
 

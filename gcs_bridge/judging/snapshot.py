@@ -69,6 +69,7 @@ class VehicleNow(Struct, frozen=True, kw_only=True):
     attitude: AttitudeNow | None
     attitude_quaternion: AttitudeNow | None
     streams: dict[str, Stream]
+    message_age_s: Annotated[dict[str, AgeS], Meta(description="of the last one of each of these streams")]
     checks: tuple[CheckNow, ...]
 
 
@@ -81,6 +82,7 @@ class LinkNow(Struct, frozen=True, kw_only=True):
     bytes: int
     bad_crc: int
     skipped_bytes: int
+    unlisted: Annotated[int, Meta(description="components that claim to be vehicles and are not listed")]
 
 
 class Snapshot(Struct, frozen=True, kw_only=True):

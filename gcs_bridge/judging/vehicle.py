@@ -178,6 +178,10 @@ class VehicleJudge:
             attitude=attitude_now(self._latest[0], t_rx_us, alive=alive[0]),
             attitude_quaternion=attitude_now(self._latest[1], t_rx_us, alive=alive[1]),
             streams={name: count.entry() for name, count in self._streams.items()},
+            message_age_s={
+                name: (t_rx_us - came_us) / 1e6 if (came_us := count.latest_rx_us) >= 0 else None
+                for name, count in self._streams.items()
+            },
             checks=tuple(
                 CheckNow(name=name, verdict=verdict, alarms=tuple(by_check[name])) for name, verdict in verdicts.items()
             ),

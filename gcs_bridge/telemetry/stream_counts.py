@@ -152,6 +152,12 @@ class StreamCount:
         return int(self._count["invalid"][0])
 
     @property
+    def latest_rx_us(self) -> int:
+        """When the last one was received, −1: not known."""
+        of = self._count[0]
+        return int(of["rx_us"] if of["follows_losses"] else of["latest_us"])  # all others are followed on receive time
+
+    @property
     def stands(self) -> bool:
         """Whether most samples carry the time of the one before: there is no clock to tell them apart by."""
         return 2 * int(self._count["standing"][0]) > self.count

@@ -48,7 +48,15 @@ def test_nothing_is_known_before_the_first_byte() -> None:
     monitor.feed(b"\0" * 40, wire.START_US)
     monitor.close_link(0, wire.START_US)
     (link,) = monitor.snapshot().to_dict()["links"]
-    assert link == {"name": 0, "is_open": False, "frames": 0, "bytes": 40, "bad_crc": 0, "skipped_bytes": 40}
+    assert link == {
+        "name": 0,
+        "is_open": False,
+        "frames": 0,
+        "bytes": 40,
+        "bad_crc": 0,
+        "skipped_bytes": 40,
+        "unlisted": 0,
+    }
 
 
 def test_the_latest_attitudes_are_those_that_were_sent() -> None:
