@@ -13,6 +13,7 @@ from gcs_bridge.events import Damage, LinkDown, RateRequested
 from gcs_bridge.inspection.heard import SERIAL, STREAM, Heard, Refused
 from gcs_bridge.inspection.schema import Advice, Level, Station, Vehicle
 from gcs_bridge.judging.link import copies
+from gcs_bridge.mavlink.requests import lasting_request
 from gcs_bridge.report.rows import counted, in_percent, in_seconds
 from gcs_bridge.telemetry.samples import STREAMS
 
@@ -20,7 +21,6 @@ __all__ = ["LEVELS", "advice", "refusal"]
 LEVELS: tuple[Level, ...] = ("unusable", "wrong", "missing", "advice", "note")
 """What matters most first."""
 _RATE_HZ = 25
-_RADIO = 68  # MAV_COMP_ID_TELEMETRY_RADIO
 _OF_RADIOS = frozenset({"RADIO_STATUS", "RADIO", "HEARTBEAT"})
 _BESIDE_HEARTBEATS = frozenset({"HEARTBEAT", "TIMESYNC", "PING", "OPEN_DRONE_ID_ARM_STATUS"})
 _LOSSY, _DAMAGED, _UNKNOWN = 0.05, 0.01, 0.01  # shares from which on it is worth a word
@@ -112,7 +112,8 @@ def _damage(heard: Heard, _: Sequence[Vehicle], __: Sequence[Station]) -> Iterat
             "off, or two programs that read one device",
         )
     if salvage.unverified > _UNKNOWN * salvage.frames and salvage.frames:
-        text = f"{salvage.unverified} frames are of messages that are not known here: name their dialect by --dialect"
+        text = f"{salvage.unverified} frames are of messages that are not known here: another --dialect, or a newer "
+        text += "pymavlink, may know them"
         yield _of(heard, "unknown_messages", "advice", text)
 
 
@@ -122,7 +123,9 @@ def _damage(heard: Heard, _: Sequence[Vehicle], __: Sequence[Station]) -> Iterat
 def _nobody_flies(heard: Heard, vehicles: Sequence[Vehicle], stations: Sequence[Station]) -> Iterator[Advice]:
     if vehicles or not heard.entry.salvage.frames:
         return
-    radios = [one for one in stations if one.compid == _RADIO or one.messages.keys() <= _OF_RADIOS - {"HEARTBEAT"}]
+    radios = [
+        one for one in stations if one.type == "telemetry_radio" or one.messages.keys() <= _OF_RADIOS - {"HEARTBEAT"}
+    ]
     ground = [one for one in stations if one.type == "gcs"]
     named = ", ".join(f"{one.sysid},{one.compid}" for one in stations[:8])
     if stations and len(radios) == len(stations):
@@ -173,21 +176,17 @@ def _missing(heard: Heard, vehicles: Sequence[Vehicle], _: Sequence[Station]) ->
         level: Level = "missing" if set(names) & set(STREAMS) else "advice"
         first = vehicle.missing[0]
         command = f"gcs-bridge listen {heard.typed} --request-rates {_RATE_HZ}" if heard.is_live else first.command
-        asked = "; the command asks the vehicle for it, and so TRANSMITS" if heard.is_live else ""
+        to_type = (
+            "the command asks the vehicle for it, and so TRANSMITS" if heard.is_live else f"type it in {first.where}"
+        )
+        lasting = lasting_request(names, vehicle.autopilot)
+        mend = f"; {to_type}" + ("" if lasting is None else f"; for good: {lasting}")
         if vehicle.messages.keys() <= _BESIDE_HEARTBEATS:
             text = "nothing comes but heartbeats: autopilots send little more before a ground station asks for it"
-            yield _of(heard, "heartbeats_only", level, text + asked, command, vehicle)
+            yield _of(heard, "heartbeats_only", level, text + mend, command, vehicle)
         else:
-            instead = f" ({first.where}: {first.command})" if heard.is_live else f", in {first.where}"
-            lasting = _LASTING.get(vehicle.autopilot, "")
-            text = f"{' and '.join(names)} {'does' if len(names) == 1 else 'do'} not come{asked}{instead}{lasting}"
-            yield _of(heard, "missing_message", level, text, command, vehicle)
-
-
-_LASTING = {
-    "ardupilot": "; for good: a line of message id and ms (31 40) in message-intervals-chanN.txt on its SD card",
-    "px4": "; for good: the same line in etc/extras.txt on its SD card",
-}
+            text = f"{' and '.join(names)} {'does' if len(names) == 1 else 'do'} not come"
+            yield _of(heard, "missing_message", level, text + mend, command, vehicle)
 
 
 def _imu(heard: Heard, vehicles: Sequence[Vehicle], _: Sequence[Station]) -> Iterator[Advice]:
@@ -212,9 +211,7 @@ def _stale(heard: Heard, vehicles: Sequence[Vehicle], _: Sequence[Station]) -> I
 def _lossy(heard: Heard, vehicles: Sequence[Vehicle], _: Sequence[Station]) -> Iterator[Advice]:
     for vehicle in vehicles:
         if vehicle.loss.share is not None and vehicle.loss.share >= _LOSSY:
-            text = (
-                f"{in_percent(vehicle.loss.share)} of its frames are lost on the way: a weak radio, or more than the "
-            )
+            text = f"{in_percent(vehicle.loss.share)} of its frames are lost or damaged on the way: a weak radio, or more than the "
             text += "link can carry; lower rates help"
             yield _of(heard, "lossy", "advice", text, vehicle=vehicle)
 

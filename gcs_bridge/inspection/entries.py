@@ -17,6 +17,9 @@ __all__ = ["stations", "vehicles"]
 # From so much loss on it is asked whether it is one: where messages are left out on the way, those that come evenly
 # miss far less than the sequence numbers do.
 _DOUBTED_SHARE, _DOUBTED_FRAMES, _EVEN = 0.02, 20, 0.25
+_DAY_S = 86_400
+_MOST_STATIONS = 100  # that are listed; all are counted
+_RADIO = 68  # MAV_COMP_ID_TELEMETRY_RADIO: it sends no heartbeat that would say so
 _LEAST_EVEN = 50  # messages, to tell how evenly they come
 
 
@@ -31,17 +34,19 @@ def vehicles(heard: Heard) -> list[Vehicle]:
 
 
 def stations(heard: Heard) -> list[Station]:
-    """Who else was heard on the link."""
+    """Who else was heard on the link: the hundred that sent most, by system and component."""
     flying = {(one.sysid, one.compid) for one in heard.entry.vehicles}
     said = {(one.sysid, one.compid): one for one in heard.entry.others}
     asks = heard.counted.census.asks()
+    others = [seen for seen in heard.counted.census.components() if seen.address not in flying]
+    others = sorted(sorted(others, key=lambda seen: -seen.frames)[:_MOST_STATIONS], key=lambda seen: seen.address)
     return [
         Station(
             link=heard.name,
             sysid=seen.sysid,
             compid=seen.compid,
             autopilot=said[seen.address].autopilot if seen.address in said else "unknown",
-            type=said[seen.address].type if seen.address in said else "unknown",
+            type=_type(seen, said[seen.address].type if seen.address in said else "unknown"),
             frames=seen.frames,
             messages=_messages(heard, seen.messages),
             asks=tuple(
@@ -50,9 +55,13 @@ def stations(heard: Heard) -> list[Station]:
                 if ask.by == seen.address
             ),
         )
-        for seen in heard.counted.census.components()
-        if seen.address not in flying
+        for seen in others
     ]
+
+
+def _type(seen: ComponentSeen, said: str) -> str:
+    """What a station is, by what it says of itself; of a radio, that says nothing, by its number."""
+    return "telemetry_radio" if said == "unknown" and seen.compid == _RADIO else said
 
 
 def _vehicle(heard: Heard, judged: schema.Vehicle, seen: ComponentSeen) -> Vehicle:
@@ -66,7 +75,7 @@ def _vehicle(heard: Heard, judged: schema.Vehicle, seen: ComponentSeen) -> Vehic
         autopilot=judged.autopilot,
         firmware=seen.firmware,
         type=judged.type,
-        address=", ".join(f"{host}:{number}" for host, number in addresses) or None,
+        address=", ".join(f"[{host}]:{port}" if ":" in host else f"{host}:{port}" for host, port in addresses) or None,
         mavlink=tuple(version for version, frames in ((1, seen.mavlink1), (2, seen.frames - seen.mavlink1)) if frames),
         frames=seen.frames,
         messages=messages,
@@ -116,7 +125,9 @@ def _loss(judged: schema.Vehicle, seen: ComponentSeen) -> Loss:
         )
         return Loss(lost=None, share=None, text=f"not measurable {why}")
     else:
-        return Loss(lost=lost, share=share, text=f"{lost} of {received + lost} frames ({in_percent(share)})")
+        return Loss(
+            lost=lost, share=share, text=f"{lost} of {received + lost} frames ({in_percent(share)}) lost or damaged"
+        )
     return Loss(lost=None, share=None, text=f"not measurable: {why}")
 
 
@@ -157,6 +168,5 @@ def _clock(boots: tuple[schema.Boot, ...], said: UtcSaid | None) -> Clock:
 
 
 def _behind(seconds: float) -> str:
-    if abs(seconds) < 1e6:
-        return f"{abs(seconds):.1f} s {'behind' if seconds >= 0 else 'before'} the receiver's clock"
-    return f"{abs(seconds) / 86_400:.0f} days {'behind' if seconds >= 0 else 'before'} the receiver's clock"
+    much = in_seconds(abs(seconds)) if abs(seconds) < _DAY_S else f"{abs(seconds) / _DAY_S:.1f} days"
+    return f"{much} {'behind' if seconds >= 0 else 'before'} the receiver's clock"

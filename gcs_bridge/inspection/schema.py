@@ -88,7 +88,7 @@ class Signing(Struct, frozen=True, kw_only=True):
     state: SigningState
     signed: int
     unsigned: int
-    verified: Annotated[int | None, Meta(description="signatures that were found right; null: none was verified")] = (
+    verified: Annotated[int | None, Meta(description="signatures that were found right; null: none was looked at")] = (
         None
     )
     text: Words
@@ -148,7 +148,7 @@ class Station(Struct, frozen=True, kw_only=True):
     sysid: int
     compid: int
     autopilot: str
-    type: Annotated[str, Meta(description="gcs, onboard_controller, …, unknown")]
+    type: Annotated[str, Meta(description="gcs, onboard_controller, telemetry_radio, …, unknown")]
     frames: int
     messages: dict[str, Message]
     asks: Annotated[tuple[Ask, ...], Meta(description="whom it asks for which rates")]
@@ -181,7 +181,7 @@ class Examination(Struct, frozen=True, kw_only=True):
     finding: Annotated[Finding, Meta(description="the worst of the links'")]
     links: tuple[LinkFound, ...]
     vehicles: tuple[Vehicle, ...]
-    stations: tuple[Station, ...]
+    stations: Annotated[tuple[Station, ...], Meta(description="of each link the hundred that sent most")]
     advice: Annotated[tuple[Advice, ...], Meta(description="what matters most first")]
     machine: Annotated[dict[str, MachinePart], Meta(description="kernels, viewer, importer, groups, modem_manager, …")]
 

@@ -21,6 +21,7 @@ from gcs_bridge.report.rows import counted, in_bytes, in_percent, in_seconds, la
 __all__ = ["to_text"]
 _FINDINGS: dict[Finding, str] = {"good": "GOOD", "missing": "MISSING", "wrong": "WRONG", "unusable": "UNUSABLE"}
 _STATES: dict[PartState, str] = {"good": "good", "mend": "TO MEND", "absent": "absent", "unknown": "unknown"}
+_UNKNOWN, _MOST_UNKNOWN = "UNKNOWN_", 8  # of which so many are named
 _NOTES = ("advice", "note")
 
 
@@ -79,13 +80,20 @@ def _vehicle(vehicle: Vehicle) -> Iterator[str]:
 
 
 def _messages(messages: dict[str, Message]) -> Iterator[str]:
-    width = max(map(len, messages), default=0)
-    for name, one in messages.items():
+    known = {name: one for name, one in messages.items() if not name.startswith(_UNKNOWN)}
+    width = max(map(len, known), default=0)
+    for name, one in known.items():
         rate = "   rate unknown" if one.rate_hz is None else f"{one.rate_hz:>9.2f} Hz "
         jitter = "" if one.jitter_ms is None else f"± {one.jitter_ms:.1f} ms"
         age = "" if one.age_s is None else f"{one.age_s:.1f} s ago"
         copies = f"  {one.copies} of them copies" if one.copies else ""
         yield f"      {name:<{width}} {one.count:>7} {rate} {jitter:>13} {age:>12}{copies}".rstrip()
+    unknown = sorted(messages.keys() - known.keys(), key=lambda name: -messages[name].count)
+    if unknown:
+        said = [f"{name.removeprefix(_UNKNOWN)} ({messages[name].count})" for name in unknown[:_MOST_UNKNOWN]]
+        more = len(unknown) - len(said)
+        text = ", ".join(map(unbroken, said)) + (f" and {counted(more, 'more id')}" if more else "")
+        yield from labelled("of unknown ids", text)
 
 
 def _station(station: Station, detail: int) -> Iterator[str]:
@@ -120,6 +128,7 @@ def _conclusion(link: LinkFound, found: Examination) -> Iterator[str]:
     flying = [one for one in found.vehicles if one.link == link.name]
     worst = [one for one in said if one.level not in _NOTES] or [one for one in said if one.level == "advice"]
     codes = ", ".join(dict.fromkeys(one.code for one in worst)) or "nothing to mend"
+    codes = f"to know: {codes}" if worst and link.finding == "good" else codes
     lost = [one.loss.share for one in flying if one.loss.share is not None]
     loss = f", {in_percent(max(lost))} lost" if lost and max(lost) >= 0.001 else ""
     yield f"{_FINDINGS[link.finding]:<10}  {link.name}: {counted(len(flying), 'vehicle')}{loss}: {codes}"

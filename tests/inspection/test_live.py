@@ -24,7 +24,7 @@ NAMES = {0: "HEARTBEAT", 30: "ATTITUDE", 31: "ATTITUDE_QUATERNION", 27: "RAW_IMU
 Send = Callable[[bytes], object]
 
 
-def listened(uris: Sequence[Uri], act: Callable[[], object], *, rounds: int = 8) -> Examination:
+def listened(uris: Sequence[Uri], act: Callable[[], object], *, rounds: int = 5) -> Examination:
     """Listen: `act` once all links are open, then so many rounds of the loop more."""
     left = [rounds]
 

@@ -47,7 +47,11 @@ def doctor(folder: Path, recording: bytes, *options: str, name: str = "flight.tl
     return examined(file, *options)
 
 
-@pytest.mark.parametrize("path", one_in(7, sorted(FIXTURES.glob("*.tlog"))), ids=lambda path: path.stem)
+# Behind damage pymavlink passes over whole frames.
+UNDAMAGED = [path for path in sorted(FIXTURES.glob("*.tlog")) if path.stem != "h_lossy_dirty"]
+
+
+@pytest.mark.parametrize("path", one_in(7, UNDAMAGED), ids=lambda path: path.stem)
 def test_the_inventory_is_pymavlink_s(path: Path) -> None:
     """Every message is somebody's, as many as pymavlink's reader found; what is told keeps to the schema."""
     facts = json.loads(path.with_suffix(".facts.json").read_text(encoding="utf-8"))
@@ -55,14 +59,15 @@ def test_the_inventory_is_pymavlink_s(path: Path) -> None:
     total: Counter[str] = Counter()
     for sender in (*found.told["vehicles"], *found.told["stations"]):
         total.update({name: message["count"] for name, message in sender["messages"].items()})
+    assert sum(total.pop(name) for name in list(total) if name.startswith("UNKNOWN_")) == facts["unknown_ids"]
     assert dict(total) == facts["messages"]
     assert {f"{one['sysid']},{one['compid']}" for one in found.told["vehicles"]} == set(facts["vehicles"])
     for vehicle in found.told["vehicles"]:
         told = facts["vehicles"][f"{vehicle['sysid']},{vehicle['compid']}"]
         assert vehicle["autopilot"] == told["autopilot"]
         for name, rate_hz in told["rates_hz"].items():
-            if rate_hz["typical"] is not None and name in vehicle["messages"] and path.stem != "h_lossy_dirty":
-                assert vehicle["messages"][name]["rate_hz"] == pytest.approx(rate_hz["mean"], rel=0.1)
+            if rate_hz["typical"] is not None and name in vehicle["messages"]:
+                assert vehicle["messages"][name]["rate_hz"] == pytest.approx(rate_hz["typical"], rel=0.05)
     schema = json.loads(json_schema("doctor").read_text(encoding="utf-8"))
     jsonschema.Draft202012Validator(schema).validate(found.told)
     assert msgspec.convert(found.told, Examination).to_dict() == found.told
@@ -169,7 +174,7 @@ def test_two_senders_of_one_identity() -> None:
 def test_every_frame_twice() -> None:
     """Counted as they come, told, and no part of the rate."""
     found = examined(CASES / "every_frame_twice.tlog")
-    assert found.codes[0] == "every_frame_twice"
+    assert found.advice("every_frame_twice")["vehicle"] == [1, 1]
     one = found.vehicle()["messages"]["ATTITUDE"]
     assert one["count"] == 2 * one["copies"]
 
@@ -321,7 +326,7 @@ def test_the_text_ends_with_a_line_a_link_and_the_next_command(tmp_path: Path) -
     assert last == f"MISSING     {file}: 1 vehicle: missing_message"
     assert following == "            next: long SET_MESSAGE_INTERVAL 31 40000"
     assert "this machine" in above
-    assert any(re.match(r" +ATTITUDE +\d+ +25\.\d\d Hz +± \d", line) for line in above)
+    assert any(re.match(r" +ATTITUDE +\d+ +2[45]\.\d\d Hz +± \d", line) for line in above)
     assert all(len(line) <= 100 or str(file) in line for line in above)
     assert said(file, "-q")[1].splitlines() == [last, following]
 
