@@ -21,7 +21,7 @@ __all__ = ["LEVELS", "advice", "refusal"]
 LEVELS: tuple[Level, ...] = ("unusable", "wrong", "missing", "advice", "note")
 """What matters most first."""
 _RATE_HZ = 25
-_OF_RADIOS = frozenset({"RADIO_STATUS", "RADIO", "HEARTBEAT"})
+_OF_RADIOS = frozenset({"RADIO_STATUS", "RADIO"})
 _BESIDE_HEARTBEATS = frozenset({"HEARTBEAT", "TIMESYNC", "PING", "OPEN_DRONE_ID_ARM_STATUS"})
 _LOSSY, _DAMAGED, _UNKNOWN = 0.05, 0.01, 0.01  # shares from which on it is worth a word
 _STALE_S, _STALE_PERIODS = 2.0, 5
@@ -123,9 +123,7 @@ def _damage(heard: Heard, _: Sequence[Vehicle], __: Sequence[Station]) -> Iterat
 def _nobody_flies(heard: Heard, vehicles: Sequence[Vehicle], stations: Sequence[Station]) -> Iterator[Advice]:
     if vehicles or not heard.entry.salvage.frames:
         return
-    radios = [
-        one for one in stations if one.type == "telemetry_radio" or one.messages.keys() <= _OF_RADIOS - {"HEARTBEAT"}
-    ]
+    radios = [one for one in stations if one.type == "telemetry_radio" or one.messages.keys() <= _OF_RADIOS]
     ground = [one for one in stations if one.type == "gcs"]
     named = ", ".join(f"{one.sysid},{one.compid}" for one in stations[:8])
     if stations and len(radios) == len(stations):
@@ -176,9 +174,9 @@ def _missing(heard: Heard, vehicles: Sequence[Vehicle], _: Sequence[Station]) ->
         level: Level = "missing" if set(names) & set(STREAMS) else "advice"
         first = vehicle.missing[0]
         command = f"gcs-bridge listen {heard.typed} --request-rates {_RATE_HZ}" if heard.is_live else first.command
-        to_type = (
-            "the command asks the vehicle for it, and so TRANSMITS" if heard.is_live else f"type it in {first.where}"
-        )
+        to_type = f"type '{first.command}' in {first.where}"
+        if heard.is_live:
+            to_type = "the command asks the vehicle for it, and so TRANSMITS"
         lasting = lasting_request(names, vehicle.autopilot)
         mend = f"; {to_type}" + ("" if lasting is None else f"; for good: {lasting}")
         if vehicle.messages.keys() <= _BESIDE_HEARTBEATS:
@@ -211,8 +209,8 @@ def _stale(heard: Heard, vehicles: Sequence[Vehicle], _: Sequence[Station]) -> I
 def _lossy(heard: Heard, vehicles: Sequence[Vehicle], _: Sequence[Station]) -> Iterator[Advice]:
     for vehicle in vehicles:
         if vehicle.loss.share is not None and vehicle.loss.share >= _LOSSY:
-            text = f"{in_percent(vehicle.loss.share)} of its frames are lost or damaged on the way: a weak radio, or more than the "
-            text += "link can carry; lower rates help"
+            text = f"{in_percent(vehicle.loss.share)} of its frames are lost or damaged on the way: a weak radio, or "
+            text += "more than the link can carry; lower rates help"
             yield _of(heard, "lossy", "advice", text, vehicle=vehicle)
 
 

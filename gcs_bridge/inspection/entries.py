@@ -125,9 +125,8 @@ def _loss(judged: schema.Vehicle, seen: ComponentSeen) -> Loss:
         )
         return Loss(lost=None, share=None, text=f"not measurable {why}")
     else:
-        return Loss(
-            lost=lost, share=share, text=f"{lost} of {received + lost} frames ({in_percent(share)}) lost or damaged"
-        )
+        text = f"{lost} of {received + lost} frames ({in_percent(share)}) lost or damaged"
+        return Loss(lost=lost, share=share, text=text)
     return Loss(lost=None, share=None, text=f"not measurable: {why}")
 
 
