@@ -22,8 +22,8 @@ def demo_recording() -> Path:
     return _shipped(in_wheel="demo.tlog", in_checkout="sitl_fixtures/a_copter_square.tlog")
 
 
-def json_schema(of: Literal["report", "event"]) -> Path:
-    """The JSON Schema (draft 2020-12) of a report, or of one event."""
+def json_schema(of: Literal["report", "event", "doctor"]) -> Path:
+    """The JSON Schema (draft 2020-12) of a report, of one event, or of what the doctor tells."""
     return _PACKAGE / "schema" / f"{of}.json"
 
 

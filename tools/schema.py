@@ -1,4 +1,4 @@
-"""Writes the JSON Schemas of reports and events, of the structs that they are made of.
+"""Writes the JSON Schemas of reports, events and what the doctor tells, of the structs that they are made of.
 
 python tools/schema.py           # writes gcs_bridge/schema/*.json; a second run changes nothing
 python tools/schema.py --check   # exit 1 if they are not what would be written
@@ -14,12 +14,14 @@ from typing import Any
 import msgspec
 
 from gcs_bridge.events import AnyEvent
+from gcs_bridge.inspection.schema import Examination
 from gcs_bridge.report import Report
 
 FOLDER = Path(__file__).parents[1] / "gcs_bridge" / "schema"
 _ROOTS: dict[str, tuple[Any, str]] = {
     "report": (Report, "gcs-bridge/report/1: what `gcs-bridge check --format json` writes"),
     "event": (AnyEvent, "an event of gcs-bridge: a line of `--events`, or what `gcs_bridge.Monitor` returns"),
+    "doctor": (Examination, "gcs-bridge/doctor/1: what `gcs-bridge doctor --format json` writes"),
 }
 
 

@@ -26,6 +26,8 @@ from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.senders import SenderSign
 
 _FROZEN_SHARE = 0.999  # of the time after which a stream is frozen: with that very sample it is
+TWO_SENDERS = "two senders use"
+"""What the alarms of two senders begin with."""
 STANDS = "the clock stands still: samples come with one and the same time"
 
 
@@ -78,10 +80,8 @@ class StreamCheck(Check):
 
     def _alarms_of_senders(self, identity: str) -> tuple[AlarmSpec, AlarmSpec]:
         """Of SENDERS and of VERSIONS: what has been seen time and again needs no further delay."""
-        two = f"two senders use {identity}: clocks, attitudes or heartbeats of both come in turn"
-        beside = (
-            f"two senders use {identity}: MAVLink 1 and 2 come in turn, numbered apart, and one without an attitude"
-        )
+        two = f"{TWO_SENDERS} {identity}: clocks, attitudes or heartbeats of both come in turn"
+        beside = f"{TWO_SENDERS} {identity}: MAVLink 1 and 2 come in turn, numbered apart, and one without an attitude"
         return (
             self._alarm_spec("senders", "alarm", two, self._at_once, unit="times"),
             self._alarm_spec("versions", "warning", beside, self._at_once, unit="times"),

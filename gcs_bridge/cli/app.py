@@ -31,6 +31,7 @@ COMMANDS = {
     "attitude": "Show one attitude in every form and frame.",
     "check": "Judge recordings: report and exit code.",
     "demo": "See it work: a recorded flight, with a fault half-way.",
+    "doctor": "Tell what is on a link, what is missing, and what to do about it.",
     "inject": "Write a copy of a recording with a chosen fault.",
     "listen": "Judge live links, as it happens.",
     "replay": "Show recordings in the viewer.",

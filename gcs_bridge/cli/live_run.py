@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # loaded when there is something to run
     from gcs_bridge.sending.station import Station
     from gcs_bridge.settings import Settings
 
-__all__ = ["LiveOptions", "LiveRun", "live_options", "refuse_not_positive"]
+__all__ = ["LiveOptions", "LiveRun", "live_options", "refuse_not_positive", "warm_up"]
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -147,7 +147,7 @@ class LiveRun:
 
         options = self._options
         notifier = Notifier()  # before anything is started that would inherit whom it tells
-        _warm_up(self._settings, options.dialect)
+        warm_up(self._settings, options.dialect)
         links: list[Link] = []
         for open_link in openers:
             links.append(open_link())
@@ -229,7 +229,7 @@ class LiveRun:
         return sinks
 
 
-def _warm_up(settings: Settings, dialect: str) -> None:
+def warm_up(settings: Settings, dialect: str) -> None:
     """Judge some of the bundled recording and forget it, so that nothing is loaded or compiled once data come."""
     from gcs_bridge import resources
     from gcs_bridge.jit import prepare

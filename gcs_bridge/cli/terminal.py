@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Mapping
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -35,14 +36,14 @@ def wants_colour(*, no_color: bool) -> bool:
     return sys.stdout.isatty() and not no_color and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
-def print_coloured(text: str) -> None:
-    """Print a report with its verdicts in colour."""
+def print_coloured(text: str, styles: Mapping[str, str] = _STYLES) -> None:
+    """Print a report with its verdicts in colour; `styles`: of the words, by a pattern."""
     from rich.console import Console
     from rich.text import Text
 
     console = Console(highlight=False, soft_wrap=True)
     coloured = Text(text.removesuffix("\n"))
-    for words, style in _STYLES.items():
+    for words, style in styles.items():
         coloured.highlight_regex(words, style)
     console.print(coloured)
 

@@ -16,6 +16,7 @@ from gcs_bridge.judging.snapshot import LinkNow, VehicleNow
 from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
 from gcs_bridge.report import schema
 from gcs_bridge.report.verdicts import worst_verdict
+from gcs_bridge.telemetry.census import Census
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.rate_requests import RateRequest, asks, rate_requests
@@ -40,14 +41,18 @@ class ScannedBatch(NamedTuple):
 class Link:
     """One link or recording: its frames, the vehicles on it, its clock."""
 
-    def __init__(self, judged: Judged, framing: Framing, *, number: int | None) -> None:
-        """Start before its first byte; `number` is None on the first link, and on a recording."""
+    def __init__(self, judged: Judged, framing: Framing, *, number: int | None, census: Census | None = None) -> None:
+        """Start before its first byte; `number` is None on the first link, and on a recording.
+
+        `census` is told of every frame.
+        """
         self.on_frames: Callable[[Sequence[RawFrame]], None] | None = None
         self._judged = judged
         self._scanner = Scanner(judged.dialect, timed=framing is Framing.RECORDS)
         self._datagrams = framing is Framing.DATAGRAM
         self._number = number
         self.is_open = True
+        self.census = census
         self._sorter = FrameSorter(judged.dialect, judged.sysid, judged.window_s)
         self._roster = Roster(judged.dialect)
         self._vehicles: dict[tuple[int, int], LinkVehicle] = {}
@@ -65,6 +70,16 @@ class Link:
         return self._sorter.inside
 
     @property
+    def latest_rx_us(self) -> int:
+        """The receive time so far, µs since 1970; −1: not known yet."""
+        return self._sorter.latest_rx_us
+
+    @property
+    def line_ends(self) -> str | None:
+        """Which line ends were turned into others, as if the bytes were text; None: there is no sign of it."""
+        return self._scanner.salvage.line_ends
+
+    @property
     def span_us(self) -> int:
         """From the first receive time to the last, µs."""
         start_us = self._sorter.start_us
@@ -78,6 +93,8 @@ class Link:
         """The frames that the chunks complete; another thread may call this while those before are judged."""
         scanner = self._scanner
         frames = scanner.scan_chunks(chunks.data, chunks.ends, chunks.t_rx_us, whole=self._datagrams, final=final)
+        if self.census is not None:
+            self.census.take(scanner)
         raw = scanner.raw_frames() if self.on_frames is not None and len(scanner.all_frames) else ()
         batch = self._sorter.sort(scanner.buffer, frames) if len(frames) else None
         return ScannedBatch(batch, scanner.read, raw)

@@ -22,6 +22,7 @@ from gcs_bridge.judging.snapshot import Snapshot
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
 from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings, load_settings
+from gcs_bridge.telemetry.census import Census
 from gcs_bridge.telemetry.samples import STREAMS
 
 _LATEST_RX_US = 253_402_300_800_000_000  # the year 10,000: nanoseconds are taken for what they are
@@ -34,6 +35,18 @@ class Scan(NamedTuple):
 
     link: Link
     scanned: ScannedBatch
+
+
+class LinkCensus(NamedTuple):
+    """Who sends what on a link; from its first receive time to the last, and that one, µs; line ends that were turned.
+
+    `latest_rx_us` −1: it has no receive times. `line_ends`: into which others, as if it were text; None: none were.
+    """
+
+    census: Census
+    span_us: int
+    latest_rx_us: int
+    line_ends: str | None
 
 
 class Monitor:
@@ -54,11 +67,12 @@ class Monitor:
         to_s: float | None = None,
         observer: Observer | None = None,
         on_frames: FrameObserver | None = None,
+        census: bool = False,
     ) -> None:
         """Take the settings of `profile`, or `settings`; judge `sysid` alone, or between two times after the start.
 
         `observer` is shown each vehicle's samples and pairs as they are judged; `on_frames` each link's frames as they
-        came, before they are judged: whoever sent them, unknown ids included.
+        came, before they are judged: whoever sent them, unknown ids included. With `census`, who sends what is counted.
         Raises UsageError for an unknown profile or dialect.
         """
         self._judged = Judged(
@@ -69,6 +83,7 @@ class Monitor:
             observer=observer,
         )
         self._on_frames = on_frames
+        self._takes_census = census
         self._links: dict[int | str, Link] = {}
 
     def open_link(self, link: int, *, datagrams: bool = False) -> None:
@@ -181,6 +196,14 @@ class Monitor:
         self.finish()
         return Report.of(link.entry(str(name)) for name, link in self._links.items())
 
+    def censuses(self) -> list[LinkCensus]:
+        """Of each link who sends what, in the order in which they were opened; of a Monitor that takes a census."""
+        return [
+            LinkCensus(link.census, link.span_us, link.latest_rx_us, link.line_ends)
+            for link in self._links.values()
+            if link.census is not None
+        ]
+
     def frames_of(self, link: int) -> int:
         """How many frames of known messages came on a link so far."""
         found = self._links.get(link)
@@ -199,7 +222,8 @@ class Monitor:
 
     def _new_link(self, name: int | str, framing: Framing) -> Link:
         number = (name if isinstance(name, int) else _RECORDING_NUMBER) if self._links else None
-        link = Link(self._judged, framing, number=number)
+        census = Census(self._judged.dialect) if self._takes_census else None
+        link = Link(self._judged, framing, number=number, census=census)
         if self._on_frames is not None:
             link.on_frames = partial(self._on_frames, name)
         self._links[name] = link

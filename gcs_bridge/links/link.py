@@ -173,10 +173,19 @@ class DatagramLink(Link):
         with contextlib.suppress(OSError):
             self._reader = DatagramReader(port)
 
-    def allow_sending(self) -> None:
+    def remember_senders(self) -> None:
         """From here on who sends is remembered, also when the link has gone and returned."""
-        super().allow_sending()
         self._senders = Senders()
+
+    def addresses_of(self, system: int) -> list[tuple[str, int]]:
+        """Host and port from which a system was heard lately; none where senders are not remembered."""
+        found = () if self._senders is None else self._senders.addresses(system, now_us())
+        return sorted((str(host), int(port)) for host, port, *_ in found)
+
+    def allow_sending(self) -> None:
+        """From here on something may be sent to who is remembered."""
+        super().allow_sending()
+        self.remember_senders()
 
     def _fetch(self) -> bool:
         first = self._count

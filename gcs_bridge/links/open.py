@@ -9,7 +9,7 @@ import struct
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from gcs_bridge.errors import SourceError
 from gcs_bridge.links.link import DatagramLink, Link, MulticastLink, SpeakingLink
@@ -20,20 +20,31 @@ from gcs_bridge.links.uri import NetworkUri, SerialUri, Uri
 if TYPE_CHECKING:  # loaded when a device is opened
     from serial import Serial
 
-__all__ = ["OPENERS", "open_link"]
+__all__ = ["MODEM_MANAGER", "OPENERS", "LinkRefusedError", "device_group", "open_link", "serial_devices"]
 _PATIENCE_S = 5.0  # to connect; the system would try for two minutes
 _SERIAL_NAMES = ("tty", "cu.", "rfcomm")  # of real ports; of a pair of terminals somebody else holds the other end
 
 
+class LinkRefusedError(SourceError):
+    """A link that cannot be opened: `code` is a name of why, `command` what to type next, if that is known."""
+
+    def __init__(self, message: str, code: str, command: str | None) -> None:
+        """In one line, with what to do next."""
+        super().__init__(message)
+        self.code = code
+        self.command = command
+
+
 def open_link(uri: Uri) -> Link:
-    """Open the link; SourceError in one line, with what to do next, where it cannot be."""
+    """Open the link; LinkRefusedError where it cannot be."""
     kind, open_port = OPENERS[uri.kind]
 
     def opened() -> Any:
         try:
             return open_port(uri)
         except (OSError, ValueError, OverflowError) as error:  # pyserial's own errors are OSErrors
-            raise SourceError(f"{uri}: {_reason(uri, error)}") from None
+            reason = _reason(uri, error)
+            raise LinkRefusedError(f"{uri}: {reason.text}", reason.code, reason.command) from None
 
     return kind(str(uri), opened)
 
@@ -156,71 +167,88 @@ def _join(port: socket.socket, group: bytes) -> None:
         raise refused
 
 
-def _reason(uri: Uri, error: Exception) -> str:
+class _Reason(NamedTuple):
+    """Why a link cannot be opened: a name that stays, the same in words with what to do, and what to type next."""
+
+    code: str
+    text: str
+    command: str | None = None
+
+
+def _reason(uri: Uri, error: Exception) -> _Reason:
     number = getattr(error, "errno", None)
     if isinstance(uri, SerialUri):
         return _serial_reason(uri, error, number)
     if isinstance(error, socket.gaierror):
-        return f"unknown host {uri.host!r}"
+        return _Reason("unknown_host", f"unknown host {uri.host!r}")
     if isinstance(error, TimeoutError):
-        return f"no answer within {_PATIENCE_S:g} s"
+        return _Reason("no_answer", f"no answer within {_PATIENCE_S:g} s")
     if number == errno.EADDRINUSE:
-        owner = port_owner(uri.port, "tcp" if uri.kind == "tcpin" else "udp")
-        by = f" by {owner}" if owner else ""
-        return f"port {uri.port} is in use{by}: end that program, or let it forward to another port"
+        protocol: Literal["tcp", "udp"] = "tcp" if uri.kind == "tcpin" else "udp"
+        owner = port_owner(uri.port, protocol)
+        by, shown_by = (f" by {owner}", None) if owner else ("", f"sudo ss -lp{protocol[0]}n sport = :{uri.port}")
+        mend = "end that program, or let it forward to another port"
+        return _Reason("port_in_use", f"port {uri.port} is in use{by}: {mend}", shown_by)
     if number == errno.EADDRNOTAVAIL:
         everywhere = "[::]" if ":" in uri.host else "0.0.0.0"  # noqa: S104  # named, not bound
-        return f"{uri.host} is no address of this machine; {everywhere} stands for all of them"
+        mend = f"{everywhere} stands for all of them"
+        return _Reason("no_such_address", f"{uri.host} is no address of this machine; {mend}")
     if number == errno.ECONNREFUSED:
-        return "connection refused: nothing listens there"
+        return _Reason("connection_refused", "connection refused: nothing listens there")
     if number in (errno.EACCES, errno.EPERM) and uri.port < _FIRST_FREE_PORT:
-        return f"permission refused: port {uri.port} needs an administrator; choose one above {_FIRST_FREE_PORT - 1}"
+        mend = f"port {uri.port} needs an administrator; choose one above {_FIRST_FREE_PORT - 1}"
+        return _Reason("no_permission", f"permission refused: {mend}")
     if number == errno.ENODEV and uri.kind == "mcast":
-        return "no network interface takes part in multicast"
-    return _said(error)
+        return _Reason("no_multicast", "no network interface takes part in multicast")
+    return _Reason("cannot_open", _said(error))
 
 
 _FIRST_FREE_PORT = 1024
-_MODEM_MANAGER = "ModemManager"  # takes each new serial device for a modem, and asks it
+MODEM_MANAGER = "ModemManager"
+"""Takes each new serial device for a modem, and asks it."""
 
 
-def _serial_reason(uri: SerialUri, error: Exception, number: int | None) -> str:
+def _serial_reason(uri: SerialUri, error: Exception, number: int | None) -> _Reason:
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
-        present = _serial_devices()
-        return "no such device; " + (f"there are {', '.join(present)}" if present else "there is no serial device")
+        present = serial_devices()
+        there = f"there are {', '.join(present)}" if present else "there is no serial device"
+        return _Reason("no_such_device", f"no such device; {there}")
     if number in (errno.EACCES, errno.EPERM):
-        return (
-            f"permission refused: join the device's group with 'sudo usermod -aG {_group(uri.device)} $USER', "
-            "then log in again"
-        )
+        join = f"sudo usermod -aG {device_group(uri.device)} $USER"
+        mend = f"join the device's group with '{join}', then log in again"
+        return _Reason("not_in_group", f"permission refused: {mend}", join)
     if number in (errno.EBUSY, errno.EAGAIN):
         return _held(uri.device)
     if number in (errno.ENOTTY, errno.EISDIR) or "Could not configure port" in str(error):
-        return "not a serial device"
-    return _said(error)
+        return _Reason("no_serial_device", "not a serial device")
+    return _Reason("cannot_open", _said(error))
 
 
-def _held(device: str) -> str:
+def _held(device: str) -> _Reason:
     owner = device_owner(device)
-    if owner is None and is_running(_MODEM_MANAGER):
-        owner = f"another program, {_MODEM_MANAGER} probably"
+    if owner is None and is_running(MODEM_MANAGER):
+        owner = f"another program, {MODEM_MANAGER} probably"
     if owner is None:
-        return f"in use by another program (a ground station?); 'sudo fuser -v {device}' names it: end that program"
-    if _MODEM_MANAGER in owner:
-        return (
-            f"in use by {owner}: it lets go of what is no modem after some seconds; 'sudo systemctl stop "
-            f"{_MODEM_MANAGER}' ends it, 'sudo systemctl disable --now {_MODEM_MANAGER}' for good"
-        )
-    return f"in use by {owner}: end that program"
+        ask = f"sudo fuser -v {device}"
+        whose = f"'{ask}' names it: end that program"
+        return _Reason("device_held", f"in use by another program (a ground station?); {whose}", ask)
+    if MODEM_MANAGER in owner:
+        end = f"sudo systemctl stop {MODEM_MANAGER}"
+        mend = f"'{end}' ends it, 'sudo systemctl disable --now {MODEM_MANAGER}' for good"
+        told = f"in use by {owner}: it lets go of what is no modem after some seconds; {mend}"
+        return _Reason("held_by_modem_manager", told, end)
+    return _Reason("device_held", f"in use by {owner}: end that program")
 
 
-def _serial_devices() -> list[str]:
+def serial_devices() -> list[str]:
+    """The serial devices of this machine."""
     from serial.tools.list_ports import comports
 
     return sorted(port.device for port in comports())
 
 
-def _group(device: str) -> str:
+def device_group(device: str) -> str:
+    """The group whose members may use a serial device; what it usually is, where that cannot be told."""
     try:
         group = Path(device).group()
     except (OSError, KeyError, NotImplementedError):

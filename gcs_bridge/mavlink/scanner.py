@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gcs_bridge.columns import Int64s
+from gcs_bridge.columns import Int64s, Mask
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import (
     _BAD_TIMES,
@@ -213,11 +213,17 @@ class Scanner:
         mine = int(self._components.slot[sysid * 256 + compid])
         return 0 if mine < 0 else int(self._components.repeated[mine])
 
+    def heads(self) -> tuple[Mask, Mask]:
+        """Which of the last call's frames (n,), those of unknown ids included, are of MAVLink 1; which are signed."""
+        start = self.all_frames["offset"] - self._base
+        mavlink1 = self.buffer[start] == _V1
+        return mavlink1, ~mavlink1 & (self.buffer[start + 2] & _SIGNED == _SIGNED)
+
     def raw_frames(self) -> list[RawFrame]:
         """The frames of the last call, those of unknown ids included, byte for byte as they came."""
         frames = self.all_frames
         start = frames["offset"] - self._base
-        signed = (self.buffer[start] == _V2) & (self.buffer[start + 2] & _SIGNED == _SIGNED)
+        _, signed = self.heads()
         stop = frames["payload"] + frames["length"] + np.where(signed, 15, 2)
         return [
             RawFrame(t_rx_us, self.buffer[first:end].tobytes())

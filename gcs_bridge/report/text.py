@@ -6,8 +6,6 @@ verdict of each file and, where a message is missing, the command that requests 
 
 from __future__ import annotations
 
-import math
-import textwrap
 from collections.abc import Iterator, Sequence
 
 from msgspec.structs import asdict
@@ -15,15 +13,14 @@ from msgspec.structs import asdict
 from gcs_bridge.contract import Alarm, Diagnosis, Distribution, Stream
 from gcs_bridge.errors import one_line
 from gcs_bridge.mavlink.requests import request_command
+from gcs_bridge.report.rows import NBSP, counted, in_bytes, in_percent, in_seconds, labelled, shown, unbroken
 from gcs_bridge.report.schema import Boot, Check, EstimatorReset, File, Salvage, Vehicle
 from gcs_bridge.report.verdicts import LABELS, UNJUDGED, compared, sends_attitude
 from gcs_bridge.report.wording import UNITS, difference, quantity
 
 __all__ = ["lines"]
 
-_WIDTH = 100
 _OTHERS = 8  # that the last line names
-_NBSP = "\N{NO-BREAK SPACE}"
 _START_UP = "start-up"
 _COMPARED = ("ATTITUDE", "ATTITUDE_QUATERNION")  # the two sides of euler_quaternion
 
@@ -36,26 +33,26 @@ def lines(files: Sequence[File], *, detail: int = 0) -> list[str]:
 
 def _file(entry: File, detail: int) -> Iterator[str]:
     salvage = entry.salvage
-    yield f"{one_line(entry.path)}  ({_size(entry.bytes)}, {_count(salvage.frames, 'frame')})"
+    yield f"{one_line(entry.path)}  ({in_bytes(entry.bytes)}, {counted(salvage.frames, 'frame')})"
     damaged = salvage.bad_crc or salvage.skipped_bytes or salvage.gap_count or salvage.read_fraction != 1
     if damaged or detail > 0:
-        yield from _row("damage" if damaged else "data", _salvage(salvage), indent=2)
+        yield from labelled("damage" if damaged else "data", _salvage(salvage), indent=2)
     if detail > 0:
         for gap in salvage.gaps:
-            yield from _row("", f"gap of {_count(gap.bytes, 'byte')} at byte {_number(gap.offset)}", indent=2)
+            yield from labelled("", f"gap of {counted(gap.bytes, 'byte')} at byte {shown(gap.offset)}", indent=2)
     for remark in salvage.remarks:
-        yield from _row("note", one_line(remark), indent=2)
+        yield from labelled("note", one_line(remark), indent=2)
     if detail > 0 and entry.others:
-        yield from _row("others", _heard(entry, len(entry.others)), indent=2)
+        yield from labelled("others", _heard(entry, len(entry.others)), indent=2)
     for vehicle in entry.vehicles:
         yield from _vehicle(vehicle, detail)
 
 
 def _salvage(salvage: Salvage) -> str:
     said = [
-        f"read {_percent(salvage.read_fraction)} of the bytes",
-        f"{_number(salvage.bad_crc)} with a bad checksum",
-        f"{_count(salvage.skipped_bytes, 'byte')} skipped in {_count(salvage.gap_count, 'gap')}",
+        f"read {in_percent(salvage.read_fraction)} of the bytes",
+        f"{shown(salvage.bad_crc)} with a bad checksum",
+        f"{counted(salvage.skipped_bytes, 'byte')} skipped in {counted(salvage.gap_count, 'gap')}",
     ]
     for count, word in (
         (salvage.repaired_crc, "repaired"),
@@ -65,7 +62,7 @@ def _salvage(salvage: Salvage) -> str:
     ):
         if count:
             said.append(f"{count} {word}")
-    return ", ".join(map(_whole, said))
+    return ", ".join(map(unbroken, said))
 
 
 def _vehicle(vehicle: Vehicle, detail: int) -> Iterator[str]:
@@ -75,26 +72,26 @@ def _vehicle(vehicle: Vehicle, detail: int) -> Iterator[str]:
         f"euler_quaternion {_judged(euler_quaternion)}"
     )
     for boot in vehicle.boots:
-        yield from _row(f"boot {boot.index}", _boot(boot))
+        yield from labelled(f"boot {boot.index}", _boot(boot))
     for reset in vehicle.resets:
-        yield from _row("reset", _reset(reset))
+        yield from labelled("reset", _reset(reset))
     started = {check.reason.partition("; ")[0] for check in vehicle.checks if check.reason.startswith(_START_UP)}
     for said in sorted(started):
-        yield from _row(_START_UP, one_line(said.removeprefix(f"{_START_UP} ")))
+        yield from labelled(_START_UP, one_line(said.removeprefix(f"{_START_UP} ")))
     streams = [_stream(name, stream, detail) for name, stream in vehicle.streams.items()]
-    yield from _row("streams", ", ".join(map(_whole, streams)) or "none")
+    yield from labelled("streams", ", ".join(map(unbroken, streams)) or "none")
     for check in vehicle.checks:
-        yield from _row(check.name, f"{LABELS[check.verdict]:<10}  {_findings(check, detail)}")
+        yield from labelled(check.name, f"{LABELS[check.verdict]:<10}  {_findings(check, detail)}")
     for alarm in vehicle.alarms:
-        yield from _row(LABELS[alarm.severity], _alarm(alarm))
+        yield from labelled(LABELS[alarm.severity], _alarm(alarm))
 
 
 def _judged(check: Check | None) -> str:
     if check is None or check.verdict == "inop":
         return "could not run"
     if check.verdict == "no_compare":
-        return "not judged" if check.coverage is None else f"not judged (coverage {_percent(check.coverage)})"
-    return f"judged over {_percent(check.coverage)} of the time both came"
+        return "not judged" if check.coverage is None else f"not judged (coverage {in_percent(check.coverage)})"
+    return f"judged over {in_percent(check.coverage)} of the time both came"
 
 
 def _boot(boot: Boot) -> str:
@@ -102,11 +99,11 @@ def _boot(boot: Boot) -> str:
     began = "" if boot.start_utc is None else f", started {boot.start_utc}"
     if first is None or last is None:
         return "restarted; no time was told since"
-    return f"{_seconds(first)} to {_seconds(last)} ({_seconds(last - first)}){began}"
+    return f"{in_seconds(first)} to {in_seconds(last)} ({in_seconds(last - first)}){began}"
 
 
 def _reset(reset: EstimatorReset) -> str:
-    said = f"at {_seconds(reset.boot_s)} of boot {reset.boot} the estimator's heading stepped by "
+    said = f"at {in_seconds(reset.boot_s)} of boot {reset.boot} the estimator's heading stepped by "
     said += f"{quantity(reset.heading, 'deg')}, its tilt by {quantity(reset.tilt, 'deg')}"
     return f"{said} (said before it: {one_line('; '.join(reset.explained_by))})" if reset.explained_by else said
 
@@ -114,7 +111,7 @@ def _reset(reset: EstimatorReset) -> str:
 def _stream(name: str, stream: Stream, detail: int) -> str:
     notes = [f"{count} {word}" for count, word in ((stream.lost, "lost"), (stream.invalid, "invalid")) if count]
     if detail > 0:
-        notes = [_number(stream.count), f"longest gap {_seconds(stream.max_gap_s, 2)}", *notes]
+        notes = [shown(stream.count), f"longest gap {in_seconds(stream.max_gap_s, 2)}", *notes]
     rate = "rate unknown" if stream.rate_hz is None else f"{stream.rate_hz:.1f} Hz"
     return f"{name} {rate}" + (f" ({', '.join(notes)})" if notes else "")
 
@@ -128,7 +125,7 @@ def _findings(check: Check, detail: int) -> str:
         if check.pairs:
             said.append(_distribution(check.residual, unit, short=quiet))
         same = "" if check.same_instant is None else f" ({check.same_instant} at the same instant)"
-        said.append(_count(check.pairs, "pair") + same)
+        said.append(counted(check.pairs, "pair") + same)
         for cause in check.explained_by:
             estimated = " (estimated)" if cause.estimated else ""
             said.append(f"explained by {cause.cause} {_value(cause.value, cause.unit)}{estimated}")
@@ -137,14 +134,14 @@ def _findings(check: Check, detail: int) -> str:
         if detail > 0:
             parts = (("tilt", check.tilt), ("heading", check.heading))
             said += [f"{name} {_distribution(part, unit)}" for name, part in parts if part is not None]
-            said.append(f"judged {_percent(check.coverage)} of the time")
+            said.append(f"judged {in_percent(check.coverage)} of the time")
             if check.lag_ms is not None:
                 said.append(f"lag {_value(check.lag_ms, 'ms')}")
     told = check.reason
     if told.startswith(_START_UP):  # it has a row of its own
         told = told.partition("; ")[2] or told
     reason = [one_line(told)] if told and not quiet else []
-    return "; ".join([*map(_whole, said), *reason])
+    return "; ".join([*map(unbroken, said), *reason])
 
 
 def _distribution(values: Distribution, unit: str, *, short: bool = False) -> str:
@@ -155,10 +152,10 @@ def _distribution(values: Distribution, unit: str, *, short: bool = False) -> st
 def _alarm(alarm: Alarm) -> str:
     """One sentence or two: when, what, how much, where, and why if that is known."""
     cleared = alarm.cleared_boot_s
-    until = "to the end" if cleared is None else f"to {_seconds(cleared)}"
+    until = "to the end" if cleared is None else f"to {in_seconds(cleared)}"
     utc = "" if alarm.raised_utc is None else f" (raised {alarm.raised_utc})"
-    again = f", {_count(alarm.repeats, 'time')} again" if alarm.repeats else ""
-    when = f"from {_seconds(alarm.raised_boot_s)} {until} of boot {_number(alarm.boot)}{utc}{again}"
+    again = f", {counted(alarm.repeats, 'time')} again" if alarm.repeats else ""
+    when = f"from {in_seconds(alarm.raised_boot_s)} {until} of boot {shown(alarm.boot)}{utc}{again}"
     said = f"{alarm.check} {when}: {difference(alarm)}. This is {alarm.is_not}."
     diagnosis = alarm.diagnosis
     return said if diagnosis is None else f"{said} {_diagnosis(diagnosis)}"
@@ -193,7 +190,7 @@ def _worst(alarms: Sequence[tuple[Vehicle, Alarm]]) -> str:
     vehicle, alarm = next(one for one in alarms if one[1].severity == severity)
     of = "" if len({id(one) for one, _ in alarms}) == 1 else f"vehicle {vehicle.sysid}: "
     cause = "" if alarm.diagnosis is None else f", {alarm.diagnosis.cause}"
-    return f": {of}{alarm.check} at {_seconds(alarm.raised_boot_s)}{cause}"
+    return f": {of}{alarm.check} at {in_seconds(alarm.raised_boot_s)}{cause}"
 
 
 def _heard(entry: File, most: int) -> str:
@@ -201,16 +198,16 @@ def _heard(entry: File, most: int) -> str:
     heard = sorted(entry.others, key=lambda one: -one.frames)[:most]
     said = [f"{one.sysid},{one.compid} {one.type}" for one in heard]
     more = entry.other_count - len(said)
-    return ", ".join(map(_whole, said)) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(map(unbroken, said)) + (f" and {more} more" if more > 0 else "")
 
 
 def _summary(entry: File) -> str:
     vehicles = entry.vehicles
     if not vehicles:
-        return f"no vehicle; heard: {_heard(entry, _OTHERS)}".replace(_NBSP, " ") if entry.others else "no vehicle"
-    said = [_count(len(vehicles), "vehicle")]
+        return f"no vehicle; heard: {_heard(entry, _OTHERS)}".replace(NBSP, " ") if entry.others else "no vehicle"
+    said = [counted(len(vehicles), "vehicle")]
     severities = [alarm.severity for vehicle in vehicles for alarm in vehicle.alarms]
-    said += [_count(severities.count(kind), kind) for kind in ("alarm", "warning") if kind in severities]
+    said += [counted(severities.count(kind), kind) for kind in ("alarm", "warning") if kind in severities]
     if not any(map(sends_attitude, vehicles)):
         said.append("no attitude")
     said += [f"vehicle {v.sysid} not compared" for v in vehicles if sends_attitude(v) and not compared(v)]
@@ -228,56 +225,12 @@ def _requests(vehicle: Vehicle) -> list[tuple[str, str]]:
     ]
 
 
-def _row(label: str, said: str, *, indent: int = 6) -> list[str]:
-    """A labelled row, broken at spaces and continued under its text."""
-    head = f"{'':{indent}}{label:<{24 - indent}}  "
-    wrapped = textwrap.wrap(
-        said,
-        _WIDTH,
-        initial_indent=head,
-        subsequent_indent=" " * len(head),
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-    return [line.replace(_NBSP, " ") for line in wrapped] or [head.rstrip()]
-
-
-def _whole(said: str) -> str:
-    """The words, kept on one line."""
-    return said.replace(" ", _NBSP)
-
-
 def _name(vehicle: Vehicle) -> str:
     return f"{vehicle.sysid},{vehicle.compid}"
-
-
-def _number(value: float | None) -> str:
-    if value is None:
-        return "unknown"
-    return str(value) if isinstance(value, int) else f"{value:.3g}"
 
 
 def _value(value: float | Sequence[float] | None, unit: str | None) -> str:
     if value is None:
         return "unknown"
     numbers = value if isinstance(value, Sequence) else [value]
-    return "/".join(_number(number) for number in numbers) + UNITS.get(unit or "", f" {unit}")
-
-
-def _count(value: int | None, noun: str) -> str:
-    return f"{_number(value)} {noun}{'' if value == 1 else 's'}"
-
-
-def _seconds(value: float | None, digits: int = 1) -> str:
-    return "unknown" if value is None else f"{value:.{digits}f} s"
-
-
-def _percent(share: float | None) -> str:
-    """Rounded down: what is not whole must not look whole."""
-    return "unknown" if share is None else f"{math.floor(share * 1000 + 1e-9) / 10:g} %"
-
-
-def _size(size: int | None) -> str:
-    if size is None:
-        return "size unknown"
-    return f"{size / 1e6:.1f} MB" if size >= 1_000_000 else f"{size / 1e3:.1f} kB"
+    return "/".join(shown(number) for number in numbers) + UNITS.get(unit or "", f" {unit}")

@@ -1,6 +1,6 @@
 """Who asked for other rates of the two attitude streams, as the link shows it, and who undoes whose wish.
 
-Stations ask by REQUEST_DATA_STREAM, by MAV_CMD_SET_MESSAGE_INTERVAL or by setting a parameter of the stream's rate. A
+Stations ask by REQUEST_DATA_STREAM, by MAV_CMDSET_MESSAGE_INTERVAL or by setting a parameter of the stream's rate. A
 vehicle may refuse; a rate that was asked for is all the same no fault of its own.
 """
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from gcs_bridge.mavlink.decode import decode
 from gcs_bridge.mavlink.dialect import Dialect
+from gcs_bridge.mavlink.packer import SET_MESSAGE_INTERVAL
 from gcs_bridge.telemetry.messages import KIND, REQUEST_KINDS, REQUESTS
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.sorting import Share, SortedFrames
@@ -21,7 +22,6 @@ from gcs_bridge.telemetry.statements import ParameterSet
 
 Address = tuple[int, int]
 
-_SET_MESSAGE_INTERVAL = 511  # MAV_CMD
 # MAV_DATA_STREAM_ALL, and _EXTRA1: "dependent on the autopilot", and the attitude on all that have it.
 _ATTITUDE_STREAMS = (0, 10)
 _BOTH = tuple(range(len(STREAMS)))
@@ -92,10 +92,14 @@ def _by_data_stream(fields: Any) -> Asked | None:
 
 def _by_command(fields: Any) -> Asked | None:
     message, interval_us = float(fields["param1"]), float(fields["param2"])
-    if int(fields["command"]) != _SET_MESSAGE_INTERVAL or message not in _STREAM_OF_ID:
+    if int(fields["command"]) != SET_MESSAGE_INTERVAL or message not in _STREAM_OF_ID:
         return None
-    rate_hz = None if interval_us == 0 or not np.isfinite(interval_us) else max(1e6 / interval_us, 0.0)  # −1: none
-    return "SET_MESSAGE_INTERVAL", (_STREAM_OF_ID[message],), rate_hz
+    return "SET_MESSAGE_INTERVAL", (_STREAM_OF_ID[message],), rate_of_interval(interval_us)
+
+
+def rate_of_interval(interval_us: float) -> float | None:
+    """The rate in Hz that an interval of SET_MESSAGE_INTERVAL asks for; 0: none at all, None: the firmware's own."""
+    return None if interval_us == 0 or not np.isfinite(interval_us) else max(1e6 / interval_us, 0.0)  # −1: none
 
 
 def _by_parameter(fields: Any) -> Asked | None:

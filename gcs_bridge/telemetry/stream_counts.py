@@ -14,7 +14,7 @@ from gcs_bridge.contract import Stream
 from gcs_bridge.jit import helper, kernel
 
 US_PER_S = 1e6
-_SILENCE_US = 2_000_000  # a longer interval is a silence, and no part of the rate
+SILENCE_US = 2_000_000  # a longer interval is a silence, and no part of the rate
 _COUNT = np.dtype(
     [
         ("count", "i8"),
@@ -45,7 +45,7 @@ def _count(of: Any, t_us: Any) -> Any:
     step_us = t_us - of.latest_us if of.began else 0
     if step_us > 0:
         of.max_gap_us = max(of.max_gap_us, step_us)
-        if step_us <= _SILENCE_US:
+        if step_us <= SILENCE_US:
             of.intervals += 1
             of.spent_us += step_us
         else:
@@ -61,7 +61,7 @@ def _count_receipt(of: Any, step_us: Any, t_rx_us: Any) -> Any:
     """Count the interval before a sample by its receive time; `step_us`: by its own."""
     rx_step_us = t_rx_us - of.rx_us
     of.standing += of.count > 1 and step_us == 0
-    if of.count > 1 and of.rx_us >= 0 and 0 < rx_step_us <= _SILENCE_US:
+    if of.count > 1 and of.rx_us >= 0 and 0 < rx_step_us <= SILENCE_US:
         of.rx_intervals += 1
         of.rx_spent_us += rx_step_us
     of.rx_us = t_rx_us

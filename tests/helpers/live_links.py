@@ -5,12 +5,14 @@ import functools
 import itertools
 import json
 import os
+import pty
 import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
+import tty
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -117,6 +119,20 @@ def free_port(kind: int = socket.SOCK_DGRAM) -> int:
             probe.bind(("", port))
             return port
     raise AssertionError
+
+
+@contextlib.contextmanager
+def terminals() -> Iterator[tuple[int, str]]:
+    """Two serial terminals that are wired to each other: the descriptor of one, the device of the other."""
+    master, slave = pty.openpty()
+    tty.setraw(master)
+    device = os.ttyname(slave)
+    try:
+        yield master, device
+    finally:
+        for descriptor in (master, slave):
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
 
 
 def wait_until(true: Callable[[], bool], seconds: float = 30.0) -> None:

@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import os
-import pty
 import random
 import select
 import shutil
@@ -11,7 +10,6 @@ import socket
 import subprocess
 import sys
 import time
-import tty
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,7 +22,7 @@ from gcs_bridge.links.open import open_link
 from gcs_bridge.links.port_owner import port_owner
 from gcs_bridge.links.stream_links import SerialLink
 from gcs_bridge.links.uri import NetworkUri, SerialUri
-from tests.helpers.live_links import Live, fixture, free_port, tcp_sender, wait_until
+from tests.helpers.live_links import Live, fixture, free_port, tcp_sender, terminals, wait_until
 
 
 def fetched(link: Link, size: int) -> list[Chunk]:
@@ -57,20 +55,6 @@ def needs_room(link: Link, size: int) -> None:
     with socket.socket(fileno=os.dup(link.fileno() or -1)) as same:
         if same.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) < size:
             pytest.skip("the system allows small buffers alone")
-
-
-@contextlib.contextmanager
-def terminals() -> Iterator[tuple[int, str]]:
-    """Two serial terminals that are wired to each other: the descriptor of one, the device of the other."""
-    master, slave = pty.openpty()
-    tty.setraw(master)
-    device = os.ttyname(slave)
-    try:
-        yield master, device
-    finally:
-        for descriptor in (master, slave):
-            with contextlib.suppress(OSError):
-                os.close(descriptor)
 
 
 def test_datagrams_keep_their_borders_and_times() -> None:
