@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from gcs_bridge.cli.live_run import LiveOptions, LiveRun, live_options, refuse_not_positive
+from gcs_bridge.cli.signing_options import signing_of, signing_options
 from gcs_bridge.errors import UsageError
 
 if TYPE_CHECKING:  # loaded when there is a link to open
@@ -34,6 +36,7 @@ __all__ = ["listen"]
 )
 @click.option("--statustext", "texts", is_flag=True, help="Say alarms to the operator's ground station. TRANSMITS.")
 @click.option("--act-as-gcs", "as_gcs", is_flag=True, help="Send a ground station's heartbeats. TRANSMITS.")
+@signing_options
 @click.option("--duration", "duration_s", type=float, metavar="S", help="End after S seconds.")
 @live_options
 def listen(
@@ -44,6 +47,8 @@ def listen(
     rates_hz: float | None,
     texts: bool,
     as_gcs: bool,
+    signing_key_file: Path | None,
+    unsigned: str | None,
     duration_s: float | None,
     **options: Any,
 ) -> int:
@@ -79,6 +84,7 @@ def listen(
     asked.refuse_loops(parsed)
     for twice in {str(uri) for uri in parsed if parsed.count(uri) > 1}:
         raise UsageError(f"{twice} is named twice")
+    signing = signing_of(signing_key_file, unsigned)
     run = LiveRun(LiveOptions.of(options))
 
     def opener(uri: Uri) -> Callable[[], Link]:
@@ -90,4 +96,4 @@ def listen(
         return opened
 
     title = ", ".join(map(str, parsed))
-    return run.run([opener(uri) for uri in parsed], title=title, duration_s=duration_s, asked=asked)
+    return run.run([opener(uri) for uri in parsed], title=title, duration_s=duration_s, asked=asked, signing=signing)

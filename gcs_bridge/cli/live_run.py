@@ -21,6 +21,7 @@ from gcs_bridge.sinks.base import Sink, SinkContext, Sinks
 if TYPE_CHECKING:  # loaded when there is something to run
     from gcs_bridge.links.link import Link
     from gcs_bridge.links.loop import Stop
+    from gcs_bridge.mavlink.signing import Signing
     from gcs_bridge.report import Report
     from gcs_bridge.sending.asked import Asked
     from gcs_bridge.sending.station import Station
@@ -113,17 +114,18 @@ class LiveRun:
         beside: Callable[[], AbstractContextManager[Any]] = nullcontext,
         sinks: Iterable[Sink] = (),
         asked: Asked | None = None,
+        signing: Signing | None = None,
     ) -> int:
         """Listen on the links that `openers` open until a signal, or `duration_s`, ends it; returns the exit code.
 
         `beside` is entered for the time of listening; `sinks` come to those that are asked for; `asked`: what is to be
-        sent. A link that cannot be opened is a SourceError.
+        sent; with `signing` frames are verified. A link that cannot be opened is a SourceError.
         """
         from gcs_bridge.links.loop import Stop
 
         with Stop() as stop, ExitStack() as stack:
             try:
-                return self._run(stack, stop, openers, title, duration_s, beside, sinks, asked)
+                return self._run(stack, stop, openers, title, duration_s, beside, sinks, asked, signing)
             except KeyboardInterrupt:  # before anything was heard, or by somebody in a hurry
                 return 0
 
@@ -137,6 +139,7 @@ class LiveRun:
         beside: Callable[[], AbstractContextManager[Any]],
         more: Iterable[Sink],
         asked: Asked | None,
+        signing: Signing | None,
     ) -> int:
         from gcs_bridge.cli.service import Hangup, Notifier
         from gcs_bridge.judging.monitor import Monitor
@@ -154,7 +157,11 @@ class LiveRun:
         hangup = stack.enter_context(Hangup(sinks.reopen, stop.ask))
         errands: list[Errand] = [*station, notifier, hangup]
         monitor = Monitor(
-            settings=self._settings, dialect=options.dialect, observer=sinks.observer, on_frames=sinks.on_frames
+            settings=self._settings,
+            dialect=options.dialect,
+            observer=sinks.observer,
+            on_frames=sinks.on_frames,
+            signing=signing,
         )
         # What is there by now stays: no later collection of garbage goes through it, and holds the loop up meanwhile.
         gc.collect()

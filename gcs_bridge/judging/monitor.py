@@ -20,6 +20,7 @@ from gcs_bridge.judging.link_vehicle import Judged
 from gcs_bridge.judging.observation import Observer
 from gcs_bridge.judging.snapshot import Snapshot
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
+from gcs_bridge.mavlink.signing import Signing
 from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings, load_settings
 from gcs_bridge.telemetry.samples import STREAMS
@@ -54,11 +55,12 @@ class Monitor:
         to_s: float | None = None,
         observer: Observer | None = None,
         on_frames: FrameObserver | None = None,
+        signing: Signing | None = None,
     ) -> None:
         """Take the settings of `profile`, or `settings`; judge `sysid` alone, or between two times after the start.
 
         `observer` is shown each vehicle's samples and pairs as they are judged; `on_frames` each link's frames as they
-        came, before they are judged: whoever sent them, unknown ids included.
+        came, before they are judged: whoever sent them, unknown ids included. With `signing` frames are verified.
         Raises UsageError for an unknown profile or dialect.
         """
         self._judged = Judged(
@@ -67,6 +69,7 @@ class Monitor:
             sysid=sysid,
             window_s=(from_s, to_s),
             observer=observer,
+            signing=signing,
         )
         self._on_frames = on_frames
         self._links: dict[int | str, Link] = {}
@@ -178,9 +181,9 @@ class Monitor:
         return Report.of(link.entry(str(name)) for name, link in self._links.items())
 
     def frames_of(self, link: int) -> int:
-        """How many frames of known messages came on a link so far."""
+        """How many frames of known messages came on a link so far, those included that were refused."""
         found = self._links.get(link)
-        return 0 if found is None else found.frames
+        return 0 if found is None else found.found
 
     @property
     def window_is_empty(self) -> bool:

@@ -43,6 +43,8 @@ def _file(entry: File, detail: int) -> Iterator[str]:
     if detail > 0:
         for gap in salvage.gaps:
             yield from _row("", f"gap of {_count(gap.bytes, 'byte')} at byte {_number(gap.offset)}", indent=2)
+    if salvage.signed or salvage.signatures is not None:
+        yield from _row("signing", _signing(salvage), indent=2)
     for remark in salvage.remarks:
         yield from _row("note", one_line(remark), indent=2)
     if detail > 0 and entry.others:
@@ -61,7 +63,25 @@ def _salvage(salvage: Salvage) -> str:
         (salvage.repaired_crc, "repaired"),
         (salvage.unverified, "of unknown kind"),
         (salvage.duplicates, "duplicate"),
-        (salvage.signed, "signed"),
+    ):
+        if count:
+            said.append(f"{count} {word}")
+    return ", ".join(map(_whole, said))
+
+
+def _signing(salvage: Salvage) -> str:
+    """How many frames are signed, and what their signatures are worth."""
+    found = salvage.signatures
+    if found is None:
+        all_frames = salvage.frames + salvage.unverified
+        return f"{_number(salvage.signed)} of {_count(all_frames, 'frame')} signed, not verified: no key was given"
+    said = [f"{_number(found.valid)} of {_number(salvage.signed)} signatures verified"]
+    for count, word in (
+        (found.wrong, "by another key, or changed"),
+        (found.replayed, "replayed, or late"),
+        (found.old, "of streams more than a minute old"),
+        (found.unsigned, "frames without a signature"),
+        (found.refused, "frames not used for that"),
     ):
         if count:
             said.append(f"{count} {word}")
