@@ -12,7 +12,7 @@ from gcs_bridge.judging import monitor
 from gcs_bridge.judging.link import Datagram, FrameObserver
 from gcs_bridge.judging.observation import Observer
 from gcs_bridge.judging.snapshot import Snapshot
-from gcs_bridge.mavlink.signing import Signing, Unsigned
+from gcs_bridge.mavlink.signing import SigningKey, Unsigned
 from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings
 
@@ -41,7 +41,7 @@ class Monitor:
         to_s: float | None = None,
         observer: Observer | None = None,
         on_frames: FrameObserver | None = None,
-        signing_key: bytes | None = None,
+        signing_key: bytes | SigningKey | None = None,
         unsigned: Unsigned | None = None,
     ) -> None:
         """Take the settings of `profile`, or `settings`; judge `sysid` alone, or between two times after the start.
@@ -62,7 +62,8 @@ class Monitor:
             to_s=to_s,
             observer=observer,
             on_frames=on_frames,
-            signing=Signing.of(signing_key, unsigned),
+            signing_key=signing_key,
+            unsigned=unsigned,
         )
 
     def open_link(self, link: int, *, datagrams: bool = False) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gcs_bridge.cli.signing_options import signing_of, signing_options
+from gcs_bridge.cli.signing_options import key_of, signing_options
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.recordings.open import READERS
@@ -78,7 +78,7 @@ def check(
 
     refuse_times(from_s, to_s)
     settings = load_settings(profile, config, {"check": {"fail_on": fail_on}} if fail_on else None)
-    signing = signing_of(signing_key_file, unsigned)
+    signing_key = key_of(signing_key_file, unsigned)
     recordings, failures = find_recordings(paths)
     if output is not None:
         refuse_unwritable(output, sources=recordings)
@@ -91,17 +91,20 @@ def check(
     gc.freeze()
     gc.enable()
 
-    selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s, "signing": signing}
+    selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
+    verified: dict[str, Any] = {"signing_key": signing_key, "unsigned": unsigned}
 
     def judge(recording: Path, progress: ProgressBar) -> File:
         with events_of(recording, told) as sinks:
             if place is None:
-                return check_file(recording, settings, **selected, progress=progress, sinks=sinks)
+                return check_file(recording, settings, **selected, **verified, progress=progress, sinks=sinks)
             from gcs_bridge.evidence.gather import Evidence
 
             folder = place.folder(recording)
-            with Evidence(recording, folder, dialect, signing) as gathered:
-                entry = check_file(recording, settings, **selected, progress=progress, sinks=[gathered, *sinks])
+            with Evidence(recording, folder, dialect, **verified) as gathered:
+                entry = check_file(
+                    recording, settings, **selected, **verified, progress=progress, sinks=[gathered, *sinks]
+                )
                 count = gathered.complete(entry)
             if not quiet:
                 complain(_evidence(recording, folder, count, gathered.left_out), kind="note")

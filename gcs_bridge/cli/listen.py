@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gcs_bridge.cli.live_run import LiveOptions, LiveRun, live_options, refuse_not_positive
-from gcs_bridge.cli.signing_options import signing_of, signing_options
+from gcs_bridge.cli.signing_options import key_of, signing_options
 from gcs_bridge.errors import UsageError
 
 if TYPE_CHECKING:  # loaded when there is a link to open
     from gcs_bridge.links.link import Link
     from gcs_bridge.links.uri import Uri
+    from gcs_bridge.mavlink.signing import Unsigned
 
 __all__ = ["listen"]
 
@@ -48,7 +49,7 @@ def listen(
     texts: bool,
     as_gcs: bool,
     signing_key_file: Path | None,
-    unsigned: str | None,
+    unsigned: Unsigned | None,
     duration_s: float | None,
     **options: Any,
 ) -> int:
@@ -84,7 +85,7 @@ def listen(
     asked.refuse_loops(parsed)
     for twice in {str(uri) for uri in parsed if parsed.count(uri) > 1}:
         raise UsageError(f"{twice} is named twice")
-    signing = signing_of(signing_key_file, unsigned)
+    signing_key = key_of(signing_key_file, unsigned)
     run = LiveRun(LiveOptions.of(options))
 
     def opener(uri: Uri) -> Callable[[], Link]:
@@ -96,4 +97,11 @@ def listen(
         return opened
 
     title = ", ".join(map(str, parsed))
-    return run.run([opener(uri) for uri in parsed], title=title, duration_s=duration_s, asked=asked, signing=signing)
+    return run.run(
+        [opener(uri) for uri in parsed],
+        title=title,
+        duration_s=duration_s,
+        asked=asked,
+        signing_key=signing_key,
+        unsigned=unsigned,
+    )

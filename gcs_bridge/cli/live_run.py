@@ -21,7 +21,7 @@ from gcs_bridge.sinks.base import Sink, SinkContext, Sinks
 if TYPE_CHECKING:  # loaded when there is something to run
     from gcs_bridge.links.link import Link
     from gcs_bridge.links.loop import Stop
-    from gcs_bridge.mavlink.signing import Signing
+    from gcs_bridge.mavlink.signing import SigningKey, Unsigned
     from gcs_bridge.report import Report
     from gcs_bridge.sending.asked import Asked
     from gcs_bridge.sending.station import Station
@@ -114,18 +114,19 @@ class LiveRun:
         beside: Callable[[], AbstractContextManager[Any]] = nullcontext,
         sinks: Iterable[Sink] = (),
         asked: Asked | None = None,
-        signing: Signing | None = None,
+        signing_key: SigningKey | None = None,
+        unsigned: Unsigned | None = None,
     ) -> int:
         """Listen on the links that `openers` open until a signal, or `duration_s`, ends it; returns the exit code.
 
         `beside` is entered for the time of listening; `sinks` come to those that are asked for; `asked`: what is to be
-        sent; with `signing` frames are verified. A link that cannot be opened is a SourceError.
+        sent; key and `unsigned` are a `Monitor`'s. A link that cannot be opened is a SourceError.
         """
         from gcs_bridge.links.loop import Stop
 
         with Stop() as stop, ExitStack() as stack:
             try:
-                return self._run(stack, stop, openers, title, duration_s, beside, sinks, asked, signing)
+                return self._run(stack, stop, openers, title, duration_s, beside, sinks, asked, signing_key, unsigned)
             except KeyboardInterrupt:  # before anything was heard, or by somebody in a hurry
                 return 0
 
@@ -139,7 +140,8 @@ class LiveRun:
         beside: Callable[[], AbstractContextManager[Any]],
         more: Iterable[Sink],
         asked: Asked | None,
-        signing: Signing | None,
+        signing_key: SigningKey | None,
+        unsigned: Unsigned | None,
     ) -> int:
         from gcs_bridge.cli.service import Hangup, Notifier
         from gcs_bridge.judging.monitor import Monitor
@@ -161,7 +163,8 @@ class LiveRun:
             dialect=options.dialect,
             observer=sinks.observer,
             on_frames=sinks.on_frames,
-            signing=signing,
+            signing_key=signing_key,
+            unsigned=unsigned,
         )
         # What is there by now stays: no later collection of garbage goes through it, and holds the loop up meanwhile.
         gc.collect()

@@ -13,7 +13,7 @@ import click
 
 from gcs_bridge.cli.check import refuse_times
 from gcs_bridge.cli.live_run import refuse_not_positive
-from gcs_bridge.cli.signing_options import signing_of, signing_options
+from gcs_bridge.cli.signing_options import key_of, signing_options
 from gcs_bridge.cli.terminal import ProgressBar, complain
 from gcs_bridge.errors import SourceError, UsageError
 from gcs_bridge.viewer.base import FORMS
@@ -84,8 +84,14 @@ def replay(
     settings = load_settings(profile, config)
     open_dialect(dialect)
     told = None if events is None else plan_events(events, paths, others=[spec.path] if spec.path else [])
-    selected = {"settings": settings, "dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
-    selected["signing"] = signing_of(signing_key_file, unsigned)
+    selected: dict[str, Any] = {
+        "settings": settings,
+        "dialect": dialect,
+        "sysid": sysid,
+        "from_s": from_s,
+        "to_s": to_s,
+    }
+    selected |= {"signing_key": key_of(signing_key_file, unsigned), "unsigned": unsigned}
 
     with Stop():
         try:

@@ -17,9 +17,9 @@ from gcs_bridge.cli.terminal import complain
 from gcs_bridge.errors import UsageError
 
 if TYPE_CHECKING:  # loaded where there is a key
-    from gcs_bridge.mavlink.signing import Signing
+    from gcs_bridge.mavlink.signing import SigningKey
 
-__all__ = ["signing_of", "signing_options"]
+__all__ = ["key_of", "signing_options"]
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 _KEY_BYTES, _HEX_DIGITS = 32, 64
@@ -47,8 +47,8 @@ def signing_options(command: _Command) -> _Command:
     )(command)
 
 
-def signing_of(key_file: Path | None, unsigned: str | None) -> Signing | None:
-    """What the two options mean; None: nothing is verified. UsageError where there is no key, or it is none.
+def key_of(key_file: Path | None, unsigned: str | None) -> SigningKey | None:
+    """The key that frames are verified by; None: by none. UsageError where `unsigned` needs one, or it is no key.
 
     Warns of a key that others may read.
     """
@@ -56,9 +56,9 @@ def signing_of(key_file: Path | None, unsigned: str | None) -> Signing | None:
         if unsigned in ("flag", "reject"):
             raise UsageError(f"--unsigned {unsigned} needs --signing-key-file: without a key nothing is verified")
         return None
-    from gcs_bridge.mavlink.signing import Signing
+    from gcs_bridge.mavlink.signing import SigningKey
 
-    return Signing.of(_key_in(key_file), unsigned)
+    return SigningKey(_key_in(key_file))
 
 
 def _key_in(path: Path) -> bytes:
@@ -70,7 +70,7 @@ def _key_in(path: Path) -> bytes:
     except OSError as error:
         what = (error.strerror or str(error)).lower()
         raise UsageError(f"{path}: no signing key can be read: {what}{_ADVICE.get(type(error), '')}") from None
-    key = _key_of(content)
+    key = _bytes_of(content)
     if key is None:
         size = f"more than {_READ_BYTES - 1}" if len(content) == _READ_BYTES else str(len(content))
         digits = ", which are not all hex digits" if len(content.strip()) == _HEX_DIGITS else ""
@@ -80,7 +80,7 @@ def _key_in(path: Path) -> bytes:
     return key
 
 
-def _key_of(content: bytes) -> bytes | None:
+def _bytes_of(content: bytes) -> bytes | None:
     """The key that a file holds: its bytes, or those that its hex digits mean; None: neither."""
     if len(content) == _KEY_BYTES:
         return content

@@ -24,7 +24,7 @@ from gcs_bridge.evidence.tables import tables_of
 from gcs_bridge.judging.alarm_windows import AlarmWindow, AlarmWindows
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.judging.observation import Observation
-from gcs_bridge.mavlink.signing import Signing
+from gcs_bridge.mavlink.signing import Signing, SigningKey, Unsigned
 from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.report.schema import File, Vehicle
 from gcs_bridge.sinks.base import Sink
@@ -52,12 +52,19 @@ class Evidence(Sink):
     Tables and pictures are written as each moment ends; `complete`, with the report's entry, adds frames and summaries.
     """
 
-    def __init__(self, recording: Path, folder: Folder, dialect: str, signing: Signing | None = None) -> None:
-        """Start with nothing gathered, and touch nothing before the first alarm; `signing` as it is judged with."""
+    def __init__(
+        self,
+        recording: Path,
+        folder: Folder,
+        dialect: str,
+        signing_key: SigningKey | None = None,
+        unsigned: Unsigned | None = None,
+    ) -> None:
+        """Start with nothing gathered, and touch nothing before the first alarm; all as it is judged with."""
         self._recording = recording
         self._folder = folder
         self._dialect = dialect
-        self._signing = signing
+        self._signing = Signing.of(signing_key, unsigned)
         self._moments = AlarmWindows()
         self._written: list[_Written] = []
 

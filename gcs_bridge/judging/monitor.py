@@ -20,7 +20,7 @@ from gcs_bridge.judging.link_vehicle import Judged
 from gcs_bridge.judging.observation import Observer
 from gcs_bridge.judging.snapshot import Snapshot
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
-from gcs_bridge.mavlink.signing import Signing
+from gcs_bridge.mavlink.signing import Signing, SigningKey, Unsigned
 from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings, load_settings
 from gcs_bridge.telemetry.samples import STREAMS
@@ -55,13 +55,15 @@ class Monitor:
         to_s: float | None = None,
         observer: Observer | None = None,
         on_frames: FrameObserver | None = None,
-        signing: Signing | None = None,
+        signing_key: bytes | SigningKey | None = None,
+        unsigned: Unsigned | None = None,
     ) -> None:
         """Take the settings of `profile`, or `settings`; judge `sysid` alone, or between two times after the start.
 
         `observer` is shown each vehicle's samples and pairs as they are judged; `on_frames` each link's frames as they
-        came, before they are judged: whoever sent them, unknown ids included. With `signing` frames are verified.
-        Raises UsageError for an unknown profile or dialect.
+        came, before they are judged: whoever sent them, unknown ids included. With `signing_key`, of 32 bytes, their
+        signatures are verified, and `unsigned` says what is done with those that do not hold: see `mavlink.signing`.
+        Raises UsageError for an unknown profile or dialect, and a key of another length.
         """
         self._judged = Judged(
             settings=settings or load_settings(profile),
@@ -69,7 +71,7 @@ class Monitor:
             sysid=sysid,
             window_s=(from_s, to_s),
             observer=observer,
-            signing=signing,
+            signing=Signing.of(signing_key, unsigned),
         )
         self._on_frames = on_frames
         self._links: dict[int | str, Link] = {}

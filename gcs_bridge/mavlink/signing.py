@@ -91,8 +91,8 @@ class Signing:
     unsigned: Unsigned
 
     @classmethod
-    def of(cls, key: bytes | None, unsigned: str | None) -> Signing | None:
-        """With the 32 bytes of a key, by default to `flag` frames; None without a key: then all are used.
+    def of(cls, key: bytes | SigningKey | None, unsigned: str | None) -> Signing | None:
+        """With a key, or its 32 bytes, by default to `flag` frames; None without a key: then all are used.
 
         UsageError for another number of bytes, for an `unsigned` that is unknown, or that needs a key and has none.
         """
@@ -104,7 +104,8 @@ class Signing:
                     f"unsigned frames: to {unsigned} them needs the signing key: nothing is verified without"
                 )
             return None
-        return cls(SigningKey(key), unsigned or "flag")  # type: ignore[arg-type]  # one of them, as was asked above
+        known = key if isinstance(key, SigningKey) else SigningKey(key)
+        return cls(known, unsigned or "flag")  # type: ignore[arg-type]  # one of them, as was asked above
 
 
 @dataclass

@@ -71,11 +71,7 @@ def test_by_another_key_nothing_is_left_to_judge(tmp_path: Path, capsys: pytest.
         (SECRET * 1000, "holds more than 4095 bytes"),
     ],
 )
-@pytest.mark.parametrize(
-    "command",
-    [("check", SIGNED), ("replay", SIGNED), ("listen", "udpin:127.0.0.1:14550")],
-    ids=lambda command: command[0],
-)
+@pytest.mark.parametrize("command", [("check", SIGNED), ("replay", SIGNED), ("listen", "udpin:127.0.0.1:14550")])
 def test_what_is_no_key(
     command: tuple[Any, ...], content: bytes, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from gcs_bridge import Monitor
 from gcs_bridge.judging import monitor as judging
-from gcs_bridge.mavlink.signing import Signing
+from gcs_bridge.mavlink.signing import SigningKey
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
 
@@ -169,7 +169,7 @@ def test_each_link_is_verified_by_itself() -> None:
 
 def test_a_link_of_which_all_is_refused_is_no_noise() -> None:
     """Frames were found there: `listen` tells of a link without any by this number."""
-    monitor = judging.Monitor(signing=Signing.of(OTHER_KEY, "reject"))
+    monitor = judging.Monitor(signing_key=SigningKey(OTHER_KEY), unsigned="reject")
     for t_us, frame in flown(3.0):
         monitor.feed(frame, t_us)
     assert monitor.frames_of(0) == len(flown(3.0))
