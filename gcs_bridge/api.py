@@ -12,6 +12,7 @@ from gcs_bridge.judging import monitor
 from gcs_bridge.judging.link import Datagram, FrameObserver
 from gcs_bridge.judging.observation import Observer
 from gcs_bridge.judging.snapshot import Snapshot
+from gcs_bridge.mavlink.signing import SigningKey, Unsigned
 from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings
 
@@ -40,12 +41,17 @@ class Monitor:
         to_s: float | None = None,
         observer: Observer | None = None,
         on_frames: FrameObserver | None = None,
+        signing_key: bytes | SigningKey | None = None,
+        unsigned: Unsigned | None = None,
     ) -> None:
         """Take the settings of `profile`, or `settings`; judge `sysid` alone, or between two times after the start.
 
         `observer` is shown each vehicle's samples and pairs as they are judged; `on_frames` each link's frames as they
         came, before they are judged: whoever sent them, unknown ids included.
-        Raises UsageError for an unknown profile or dialect.
+        With `signing_key`, 32 bytes, MAVLink's signatures are verified; `unsigned` says what is done with frames that
+        are not signed by it, or again: "accept" them, "flag" (the default then: accept, and tell), or "reject": what is
+        judged is as if they had not come.
+        Raises UsageError for an unknown profile or dialect, and a key of another length.
         """
         self._monitor = monitor.Monitor(
             profile,
@@ -56,6 +62,8 @@ class Monitor:
             to_s=to_s,
             observer=observer,
             on_frames=on_frames,
+            signing_key=signing_key,
+            unsigned=unsigned,
         )
 
     def open_link(self, link: int, *, datagrams: bool = False) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
 from enum import IntEnum
-from typing import Annotated, NamedTuple, TypedDict
+from typing import Annotated, Literal, NamedTuple, TypedDict
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
@@ -94,10 +94,18 @@ class LinkDown(Event, frozen=True, kw_only=True, tag="link_down"):
 
 
 class Damage(Event, frozen=True, kw_only=True, tag="damage"):
-    """Data were lost on this side of a link, or no frame is found in what comes on it."""
+    """Data were lost on this side of a link, no frame is found in what comes on it, or frames are not as signed."""
 
     reason: str
     dropped: Annotated[int, Meta(description="datagrams that this machine was too slow to take")]
+    signature: Annotated[
+        Literal["unsigned", "wrong", "replayed", "old"] | UnsetType,
+        Meta(description="what is wrong with how frames are signed, told once a run of them; else absent"),
+    ] = UNSET
+    sender: Annotated[
+        tuple[int, int] | UnsetType,
+        Meta(description="system and component that these frames claim to be of; absent where it is about no frames"),
+    ] = UNSET
 
 
 class VehicleSeen(Event, frozen=True, kw_only=True, tag="vehicle_seen"):

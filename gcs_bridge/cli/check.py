@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from gcs_bridge.cli.signing_options import key_of, signing_options
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.recordings.open import READERS
@@ -34,6 +35,7 @@ __all__ = ["check", "find_recordings"]
 @click.option("--output", type=click.Path(path_type=Path), metavar="PATH", help="Write the report to this file.")
 @click.option("--events", metavar="FILE|-", help="Write events as JSON lines; - is standard output.")
 @click.option("--evidence", type=click.Path(path_type=Path), metavar="DIR", help="Write what each alarm rests on.")
+@signing_options
 @click.option("--fail-on", type=click.Choice(["warning", "alarm", "never"]), help="What ends with 1.  [alarm]")
 @click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
 @click.option(
@@ -52,6 +54,8 @@ def check(
     output: Path | None,
     events: str | None,
     evidence: Path | None,
+    signing_key_file: Path | None,
+    unsigned: str | None,
     fail_on: str | None,
     profile: str,
     config: Path | None,
@@ -74,6 +78,7 @@ def check(
 
     refuse_times(from_s, to_s)
     settings = load_settings(profile, config, {"check": {"fail_on": fail_on}} if fail_on else None)
+    signing_key = key_of(signing_key_file, unsigned)
     recordings, failures = find_recordings(paths)
     if output is not None:
         refuse_unwritable(output, sources=recordings)
@@ -87,16 +92,19 @@ def check(
     gc.enable()
 
     selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
+    verified: dict[str, Any] = {"signing_key": signing_key, "unsigned": unsigned}
 
     def judge(recording: Path, progress: ProgressBar) -> File:
         with events_of(recording, told) as sinks:
             if place is None:
-                return check_file(recording, settings, **selected, progress=progress, sinks=sinks)
+                return check_file(recording, settings, **selected, **verified, progress=progress, sinks=sinks)
             from gcs_bridge.evidence.gather import Evidence
 
             folder = place.folder(recording)
-            with Evidence(recording, folder, dialect) as gathered:
-                entry = check_file(recording, settings, **selected, progress=progress, sinks=[gathered, *sinks])
+            with Evidence(recording, folder, dialect, **verified) as gathered:
+                entry = check_file(
+                    recording, settings, **selected, **verified, progress=progress, sinks=[gathered, *sinks]
+                )
                 count = gathered.complete(entry)
             if not quiet:
                 complain(_evidence(recording, folder, count, gathered.left_out), kind="note")

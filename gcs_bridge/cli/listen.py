@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from gcs_bridge.cli.live_run import LiveOptions, LiveRun, live_options, refuse_not_positive
+from gcs_bridge.cli.signing_options import key_of, signing_options
 from gcs_bridge.errors import UsageError
 
 if TYPE_CHECKING:  # loaded when there is a link to open
     from gcs_bridge.links.link import Link
     from gcs_bridge.links.uri import Uri
+    from gcs_bridge.mavlink.signing import Unsigned
 
 __all__ = ["listen"]
 
@@ -41,6 +44,7 @@ __all__ = ["listen"]
     metavar="PORT",
     help="Serve metrics for Prometheus at 127.0.0.1:PORT; 0: at any that is free.",
 )
+@signing_options
 @click.option("--duration", "duration_s", type=float, metavar="S", help="End after S seconds.")
 @live_options
 def listen(
@@ -52,6 +56,8 @@ def listen(
     texts: bool,
     as_gcs: bool,
     metrics_port: int | None,
+    signing_key_file: Path | None,
+    unsigned: Unsigned | None,
     duration_s: float | None,
     **options: Any,
 ) -> int:
@@ -87,6 +93,7 @@ def listen(
     asked.refuse_loops(parsed)
     for twice in {str(uri) for uri in parsed if parsed.count(uri) > 1}:
         raise UsageError(f"{twice} is named twice")
+    signing_key = key_of(signing_key_file, unsigned)
     run = LiveRun(LiveOptions.of(options))
 
     def opener(uri: Uri) -> Callable[[], Link]:
@@ -98,5 +105,12 @@ def listen(
         return opened
 
     title = ", ".join(map(str, parsed))
-    openers = [opener(uri) for uri in parsed]
-    return run.run(openers, title=title, duration_s=duration_s, asked=asked, metrics_port=metrics_port)
+    return run.run(
+        [opener(uri) for uri in parsed],
+        title=title,
+        duration_s=duration_s,
+        asked=asked,
+        metrics_port=metrics_port,
+        signing_key=signing_key,
+        unsigned=unsigned,
+    )

@@ -21,6 +21,7 @@ from gcs_bridge.sinks.base import Sink, SinkContext, Sinks
 if TYPE_CHECKING:  # loaded when there is something to run
     from gcs_bridge.links.link import Link
     from gcs_bridge.links.loop import Stop
+    from gcs_bridge.mavlink.signing import SigningKey, Unsigned
     from gcs_bridge.metrics.served import MetricsServer
     from gcs_bridge.report import Report
     from gcs_bridge.sending.asked import Asked
@@ -115,17 +116,22 @@ class LiveRun:
         sinks: Iterable[Sink] = (),
         asked: Asked | None = None,
         metrics_port: int | None = None,
+        signing_key: SigningKey | None = None,
+        unsigned: Unsigned | None = None,
     ) -> int:
         """Listen on the links that `openers` open until a signal, or `duration_s`, ends it; returns the exit code.
 
         `beside` is entered for the time of listening; `sinks` come to those that are asked for; `asked`: what is to be
-        sent; `metrics_port`: where Prometheus may read. A link or port that cannot be opened is a SourceError.
+        sent; `metrics_port`: where Prometheus may read; key and `unsigned` are a `Monitor`'s. A link or port that cannot
+        be opened is a SourceError.
         """
         from gcs_bridge.links.loop import Stop
 
         with Stop() as stop, ExitStack() as stack:
             try:
-                return self._run(stack, stop, openers, title, duration_s, beside, sinks, asked, metrics_port)
+                return self._run(
+                    stack, stop, openers, title, duration_s, beside, sinks, asked, metrics_port, signing_key, unsigned
+                )
             except KeyboardInterrupt:  # before anything was heard, or by somebody in a hurry
                 return 0
 
@@ -140,6 +146,8 @@ class LiveRun:
         more: Iterable[Sink],
         asked: Asked | None,
         metrics_port: int | None,
+        signing_key: SigningKey | None,
+        unsigned: Unsigned | None,
     ) -> int:
         from gcs_bridge.cli.service import Hangup, Notifier
         from gcs_bridge.judging.monitor import Monitor
@@ -158,7 +166,12 @@ class LiveRun:
         hangup = stack.enter_context(Hangup(sinks.reopen, stop.ask))
         errands: list[Errand] = [*station, *metrics, notifier, hangup]
         monitor = Monitor(
-            settings=self._settings, dialect=options.dialect, observer=sinks.observer, on_frames=sinks.on_frames
+            settings=self._settings,
+            dialect=options.dialect,
+            observer=sinks.observer,
+            on_frames=sinks.on_frames,
+            signing_key=signing_key,
+            unsigned=unsigned,
         )
         for server in metrics:
             server.follow(monitor)

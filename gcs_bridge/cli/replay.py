@@ -13,6 +13,7 @@ import click
 
 from gcs_bridge.cli.check import refuse_times
 from gcs_bridge.cli.live_run import refuse_not_positive
+from gcs_bridge.cli.signing_options import key_of, signing_options
 from gcs_bridge.cli.terminal import ProgressBar, complain
 from gcs_bridge.errors import SourceError, UsageError
 from gcs_bridge.viewer.base import FORMS
@@ -38,6 +39,7 @@ _LONGEST_PAUSE_S = 5.0  # nobody waits for the rest of a longer one
 @click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
 @click.option("--viewer", default="auto", metavar="WHICH", help=f"{FORMS}.  [auto]")
 @click.option("--events", metavar="FILE|-", help="Write events as JSON lines; - is standard output.")
+@signing_options
 @click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
 @click.option("--config", type=click.Path(path_type=Path), metavar="FILE", help="TOML with settings of your own.")
 @click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]")
@@ -51,6 +53,8 @@ def replay(
     to_s: float | None,
     viewer: str,
     events: str | None,
+    signing_key_file: Path | None,
+    unsigned: str | None,
     profile: str,
     config: Path | None,
     dialect: str,
@@ -80,7 +84,14 @@ def replay(
     settings = load_settings(profile, config)
     open_dialect(dialect)
     told = None if events is None else plan_events(events, paths, others=[spec.path] if spec.path else [])
-    selected = {"settings": settings, "dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
+    selected: dict[str, Any] = {
+        "settings": settings,
+        "dialect": dialect,
+        "sysid": sysid,
+        "from_s": from_s,
+        "to_s": to_s,
+    }
+    selected |= {"signing_key": key_of(signing_key_file, unsigned), "unsigned": unsigned}
 
     with Stop():
         try:

@@ -14,6 +14,8 @@ from gcs_bridge.evidence.tables import utc
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import FRAME, Frames
 from gcs_bridge.mavlink.scanner import Scanner
+from gcs_bridge.mavlink.secrets import carries_key
+from gcs_bridge.mavlink.signing import Signing
 from gcs_bridge.recordings.source import Source
 
 __all__ = ["frames_of"]
@@ -30,13 +32,15 @@ class _Part(NamedTuple):
 _NOTHING = _Part(np.empty(0, FRAME), np.empty(0, np.int64), [])
 
 
-def frames_of(source: Source, ranges: Sequence[tuple[int, int]], dialect: Dialect) -> Iterator[tuple[int, pa.Table]]:
+def frames_of(
+    source: Source, ranges: Sequence[tuple[int, int]], dialect: Dialect, signing: Signing | None = None
+) -> Iterator[tuple[int, pa.Table]]:
     """The index of each range of frames (first, end), and its frames; a range is given out when it has been read.
 
-    Frames of unknown ids are no vehicle's and have no index; they are given where they lie, before the next that
-    has.
+    Frames of unknown ids are no vehicle's, those that `signing` refuses are not judged: they have no index, and are
+    given where they lie, before the next that has. What brings a signing key is left out: evidence is passed on.
     """
-    scanner = Scanner(dialect, timed=source.timed)
+    scanner = Scanner(dialect, timed=source.timed, signing=signing)
     waiting: dict[int, list[_Part]] = {index: [] for index in range(len(ranges))}
     count = 0
     for chunk in chain(source, (None,)):
@@ -50,6 +54,7 @@ def frames_of(source: Source, ranges: Sequence[tuple[int, int]], dialect: Dialec
             rows = np.flatnonzero((frame_index >= first) & (frame_index < end))
             if len(rows):
                 raw = raw or scanner.raw_frames()
+                rows = np.array([row for row in rows.tolist() if not carries_key(raw[row].data)], np.int64)
                 parts.append(_Part(frames[rows], frame_index[rows], [raw[row].data for row in rows.tolist()]))
             if count >= end or chunk is None:
                 yield index, pa.concat_tables([_table(part, dialect) for part in waiting.pop(index) or [_NOTHING]])

@@ -24,6 +24,7 @@ from gcs_bridge.evidence.tables import tables_of
 from gcs_bridge.judging.alarm_windows import AlarmWindow, AlarmWindows
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.judging.observation import Observation
+from gcs_bridge.mavlink.signing import Signing, SigningKey, Unsigned
 from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.report.schema import File, Vehicle
 from gcs_bridge.sinks.base import Sink
@@ -51,11 +52,19 @@ class Evidence(Sink):
     Tables and pictures are written as each moment ends; `complete`, with the report's entry, adds frames and summaries.
     """
 
-    def __init__(self, recording: Path, folder: Folder, dialect: str) -> None:
-        """Start with nothing gathered, and touch nothing before the first alarm."""
+    def __init__(
+        self,
+        recording: Path,
+        folder: Folder,
+        dialect: str,
+        signing_key: SigningKey | None = None,
+        unsigned: Unsigned | None = None,
+    ) -> None:
+        """Start with nothing gathered, and touch nothing before the first alarm; all as it is judged with."""
         self._recording = recording
         self._folder = folder
         self._dialect = dialect
+        self._signing = Signing.of(signing_key, unsigned)
         self._moments = AlarmWindows()
         self._written: list[_Written] = []
 
@@ -114,7 +123,7 @@ class Evidence(Sink):
     def _write_frames(self) -> None:
         with open_recording(self._recording, self._dialect, judged=False) as source:
             ranges = [written.frames for written in self._written]
-            for index, table in frames_of(source, ranges, open_dialect(self._dialect)):
+            for index, table in frames_of(source, ranges, open_dialect(self._dialect), self._signing):
                 written = self._written[index]
                 _save(table, written.path / "frames.parquet")
                 written.rows["frames"] = len(table)

@@ -12,8 +12,10 @@ from gcs_bridge.chunks import Chunk, Chunks, Framing
 from gcs_bridge.contract import readable
 from gcs_bridge.events import Event, Notice, ReceiverPaused, in_order
 from gcs_bridge.judging.link_vehicle import Judged, LinkVehicle
+from gcs_bridge.judging.signing_watch import SigningWatch
 from gcs_bridge.judging.snapshot import LinkNow, VehicleNow
 from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
+from gcs_bridge.mavlink.signing import SignatureCounts
 from gcs_bridge.report import schema
 from gcs_bridge.report.verdicts import worst_verdict
 from gcs_bridge.telemetry.census import Census
@@ -36,6 +38,7 @@ class ScannedBatch(NamedTuple):
     batch: SortedFrames | None
     done: int
     raw: Sequence[RawFrame]
+    signing: Sequence[Notice]  # what there is to tell of how frames are signed
 
 
 class Link:
@@ -48,7 +51,8 @@ class Link:
         """
         self.on_frames: Callable[[Sequence[RawFrame]], None] | None = None
         self._judged = judged
-        self._scanner = Scanner(judged.dialect, timed=framing is Framing.RECORDS)
+        self._scanner = Scanner(judged.dialect, timed=framing is Framing.RECORDS, signing=judged.signing)
+        self._signing = SigningWatch(judged.signing, number)
         self._datagrams = framing is Framing.DATAGRAM
         self._number = number
         self.is_open = True
@@ -61,8 +65,13 @@ class Link:
 
     @property
     def frames(self) -> int:
-        """How many frames came so far."""
+        """How many frames came so far, and were not refused."""
         return self._sorter.frames
+
+    @property
+    def found(self) -> int:
+        """How many were found, those included that are refused for their signature."""
+        return self._scanner.frames
 
     @property
     def in_window(self) -> int:
@@ -96,14 +105,16 @@ class Link:
         if self.census is not None:
             self.census.take(scanner)
         raw = scanner.raw_frames() if self.on_frames is not None and len(scanner.all_frames) else ()
+        signing = self._signing.look(scanner, self._sorter.frames)
         batch = self._sorter.sort(scanner.buffer, frames) if len(frames) else None
-        return ScannedBatch(batch, scanner.read, raw)
+        return ScannedBatch(batch, scanner.read, raw, signing)
 
     def judge(self, scanned: ScannedBatch) -> list[Event]:
         """Judge frames as one batch."""
         if scanned.raw and self.on_frames is not None:
             self.on_frames(scanned.raw)
-        return [] if scanned.batch is None else events_of(self._judge(scanned.batch))
+        judged = [] if scanned.batch is None else self._judge(scanned.batch)
+        return events_of([*scanned.signing, *judged])
 
     def open(self, *, datagrams: bool) -> None:
         """It is there again, and goes on counting where it left off."""
@@ -272,6 +283,18 @@ def copies(received: int, repeated: int) -> str | None:
     return "each frame came twice" if times == 2 else f"each frame came {times} times"
 
 
+def signatures_entry(counts: SignatureCounts) -> schema.Signatures:
+    """What the signatures came to, for the report."""
+    return schema.Signatures(
+        valid=counts.holds,
+        unsigned=counts.unsigned,
+        wrong=counts.wrong,
+        replayed=counts.replayed,
+        old=counts.old,
+        refused=counts.refused,
+    )
+
+
 def salvage_entry(salvage: Salvage, remarks: Iterable[str] = ()) -> schema.Salvage:
     """What was read of a link or file and what was not, for the report."""
     return schema.Salvage(
@@ -281,6 +304,7 @@ def salvage_entry(salvage: Salvage, remarks: Iterable[str] = ()) -> schema.Salva
         unverified=salvage.unverified,
         skipped_bytes=salvage.skipped_bytes,
         signed=salvage.signed,
+        signatures=None if salvage.signatures is None else signatures_entry(salvage.signatures),
         duplicates=salvage.duplicates,
         bad_times=salvage.bad_times,
         read_fraction=salvage.read_fraction,

@@ -17,6 +17,7 @@ from gcs_bridge.events import Notice, Rank, VehicleLost, VehicleSeen, head, in_o
 from gcs_bridge.judging.observation import Observation, Observer
 from gcs_bridge.judging.vehicle import VehicleJudge
 from gcs_bridge.mavlink.dialect import Dialect
+from gcs_bridge.mavlink.signing import Signing
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.batches import VehicleBatch
 from gcs_bridge.telemetry.clocks import NO_TIMES
@@ -38,13 +39,17 @@ _LONGEST_WAIT_S = 12  # behind a frame the longest deadline, see stream_liveness
 
 @record
 class Judged:
-    """What is judged of every link, by what, and who looks on; `window_s`: between these times after the start."""
+    """What is judged of every link, by what, and who looks on; `window_s`: between these times after the start.
+
+    With `signing` frames are verified.
+    """
 
     settings: Settings
     dialect: Dialect
     sysid: int | None
     window_s: tuple[float | None, float | None]
     observer: Observer | None
+    signing: Signing | None = None
 
 
 class LinkVehicle:

@@ -20,6 +20,7 @@ from gcs_bridge.judging.link_vehicle import Judged
 from gcs_bridge.judging.observation import Observer
 from gcs_bridge.judging.snapshot import Snapshot
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
+from gcs_bridge.mavlink.signing import Signing, SigningKey, Unsigned
 from gcs_bridge.report import Report
 from gcs_bridge.settings import Settings, load_settings
 from gcs_bridge.telemetry.census import Census
@@ -68,12 +69,16 @@ class Monitor:
         observer: Observer | None = None,
         on_frames: FrameObserver | None = None,
         census: bool = False,
+        signing_key: bytes | SigningKey | None = None,
+        unsigned: Unsigned | None = None,
     ) -> None:
         """Take the settings of `profile`, or `settings`; judge `sysid` alone, or between two times after the start.
 
         `observer` is shown each vehicle's samples and pairs as they are judged; `on_frames` each link's frames as they
         came, before they are judged: whoever sent them, unknown ids included. With `census`, who sends what is counted.
-        Raises UsageError for an unknown profile or dialect.
+        With `signing_key`, of 32 bytes, their signatures are verified, and `unsigned` says what is done with those that
+        do not hold: see `mavlink.signing`. Raises UsageError for an unknown profile or dialect, and a key of another
+        length.
         """
         self._judged = Judged(
             settings=settings or load_settings(profile),
@@ -81,6 +86,7 @@ class Monitor:
             sysid=sysid,
             window_s=(from_s, to_s),
             observer=observer,
+            signing=Signing.of(signing_key, unsigned),
         )
         self._on_frames = on_frames
         self._takes_census = census
@@ -205,9 +211,9 @@ class Monitor:
         ]
 
     def frames_of(self, link: int) -> int:
-        """How many frames of known messages came on a link so far."""
+        """How many frames of known messages came on a link so far, those included that were refused."""
         found = self._links.get(link)
-        return 0 if found is None else found.frames
+        return 0 if found is None else found.found
 
     @property
     def window_is_empty(self) -> bool:

@@ -39,11 +39,13 @@ FRAME = np.dtype(
         ("compid", "u1"),
         ("seq", "u1"),
         ("duplicate", "u1"),
-        ("verified", "u1"),  # 0: of an id that the dialect does not know, so its checksum says nothing
+        ("verified", "u1"),  # 0: of an id that the dialect does not know, so its checksum says nothing; or refused
+        ("signed", "u1"),  # 1: it carries a signature; BARE: it carries none, and its sender has signed others
         ("lost", "i8"),  # frames of this system and component that the sequence numbers miss so far
     ]
 )
 Frames = Annotated[npt.NDArray[np.void], FRAME]
+BARE = 2
 # What stands at a place of the buffer.
 _NO_FRAME, _MORE, _GOOD, _BAD_CRC, _UNKNOWN = 0, 1, 2, 3, 4
 _V1, _V2 = 0xFE, 0xFD
@@ -62,7 +64,8 @@ _INSIDE_UNTIL, _INSIDE_TIME = (
     11,
 )  # offset up to which a frame that can't be checked reaches that hides others; its time
 _LINE_FEEDS, _CR_LINE_FEEDS, _CR_MISSING = 12, 13, 14  # in gaps; there behind a CR; frames that one CR would mend
-_COUNTS = 15
+_BARE_FRAMES = 15
+_COUNTS = 16
 _LF, _CR = 0x0A, 0x0D
 _COPY_US = 1_000_000  # so long behind a frame it may come again
 _PLACES = 4  # in which one of `stamped_hash` may be
@@ -83,6 +86,7 @@ class Components(NamedTuple):
     stamped_us: Annotated[npt.NDArray[np.int64], 2]
     stands: npt.NDArray[np.int16]  # whether it does: different frames came with the same number
     repeated: npt.NDArray[np.int64]  # frames that had come before
+    signs: npt.NDArray[np.bool_]  # whether it has sent a signature
 
 
 def _crc_tables() -> npt.NDArray[np.uint16]:
@@ -322,7 +326,7 @@ def _stamped_again(components: Any, mine: Any, digest: Any, seq: Any, time: Any)
 
 @helper
 def _admit(frame: Any, components: Any, counts: Any, buf: Any, time: Any, row_of_id: Any, stamped: Any) -> Any:
-    """Follow the sequence of the frame's component: losses, and repetitions of the same frame within a second.
+    """Follow the frame's component: losses, repetitions of the same frame within a second, signatures that are missing.
 
     Under a number that stands still a frame that says the same may be a new one, unless a time is in it: `stamped`, by
     the message's row.
@@ -333,10 +337,14 @@ def _admit(frame: Any, components: Any, counts: Any, buf: Any, time: Any, row_of
         mine = min(np.int64(counts[_COMPONENTS]), np.int64(_SLOTS - 1))
         components.slot[key] = mine
         counts[_COMPONENTS] = min(counts[_COMPONENTS] + 1, _SLOTS - 1)
-    frame.duplicate = 0
-    frame.lost = 0
     if mine == _SLOTS - 1:
         return
+    if frame.verified:
+        if frame.signed:
+            components.signs[mine] = True
+        elif components.signs[mine]:
+            frame.signed = BARE
+            counts[_BARE_FRAMES] += 1
     last_seq, late_seq, lost = components.last_seq, components.late_seq, components.lost
     seen_hash, seen_us = components.seen_hash, components.seen_us
     digest = _digest(buf, frame.payload, frame.payload + frame.length, np.uint64(frame.msgid))
@@ -381,6 +389,7 @@ def _scan_chunk(
     n: Any,
     final: Any,
     timed: Any,
+    admits: Any,
     t_rx_us: Any,
     row_of_id: Any,
     crc_extra: Any,
@@ -504,9 +513,12 @@ def _scan_chunk(
             counts[_UNVERIFIED] += 1
         if repaired:
             counts[_REPAIRED] += 1
-        if header == 10 and buf[start + 2] & _SIGNED:
-            counts[_SIGNED_FRAMES] += 1
-        _admit(frame, components, counts, buf, time, row_of_id, stamped)
+        frame.signed = 1 if header == 10 and buf[start + 2] & _SIGNED else 0
+        counts[_SIGNED_FRAMES] += frame.signed
+        frame.duplicate = 0
+        frame.lost = 0
+        if admits:
+            _admit(frame, components, counts, buf, time, row_of_id, stamped)
         n_frames += 1
         at = end
     if final:
@@ -530,6 +542,7 @@ def scan_kernel(
     whole: bool,
     final: bool,
     timed: bool,
+    admits: bool,
     row_of_id: npt.NDArray[np.int16],
     crc_extra: npt.NDArray[np.uint8],
     field_end: Annotated[npt.NDArray[np.uint8], 2],
@@ -542,7 +555,7 @@ def scan_kernel(
     """Scan `buf`, whose first byte has the offset `base`; return (frames, gaps) found, by the module's rules.
 
     It holds chunks up to their `ends`, received at `t_rx_us`. `whole`: nothing goes on behind any of them; `final`:
-    behind the last.
+    behind the last. Unless it `admits` all frames, `admit_kernel` is to.
     """
     n_frames = 0
     n_gaps = 0
@@ -553,6 +566,7 @@ def scan_kernel(
             ends[chunk],
             whole or (final and chunk == ends.size - 1),
             timed,
+            admits,
             t_rx_us[chunk],
             row_of_id,
             crc_extra,
@@ -566,3 +580,20 @@ def scan_kernel(
             n_gaps,
         )
     return n_frames, n_gaps
+
+
+@kernel
+def admit_kernel(
+    buf: Bytes,
+    admitted: npt.NDArray[np.bool_],
+    row_of_id: npt.NDArray[np.int16],
+    stamped: npt.NDArray[np.bool_],
+    counts: npt.NDArray[np.int64],
+    components: Components,
+    frames: Frames,
+) -> None:
+    """Follow the components of those frames of a scan that are `admitted` (n,), as if no other had come."""
+    for i in range(frames.size):
+        if admitted[i]:
+            frame = frames[i]
+            _admit(frame, components, counts, buf, frame.t_rx_us, row_of_id, stamped)

@@ -14,6 +14,7 @@ from gcs_bridge.columns import Int64s, Mask
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import (
     _BAD_TIMES,
+    _BARE_FRAMES,
     _COUNTS,
     _CR_LINE_FEEDS,
     _CR_MISSING,
@@ -25,7 +26,6 @@ from gcs_bridge.mavlink.scan import (
     _LINE_FEEDS,
     _NO_SEQ,
     _REPAIRED,
-    _SIGNED,
     _SIGNED_FRAMES,
     _SLOTS,
     _UNVERIFIED,
@@ -35,8 +35,10 @@ from gcs_bridge.mavlink.scan import (
     Bytes,
     Components,
     Frames,
+    admit_kernel,
     scan_kernel,
 )
+from gcs_bridge.mavlink.signing import BLOCK_BYTES, Outcome, Outcomes, SignatureCounts, Signatures, Signing
 
 
 @dataclass(kw_only=True)
@@ -53,6 +55,7 @@ class Salvage:
     unverified: int = 0
     skipped_bytes: int = 0
     signed: int = 0
+    signatures: SignatureCounts | None = None  # None: there is no key to verify them by
     duplicates: int = 0
     bad_times: int = 0
     line_feeds: int = 0
@@ -119,9 +122,11 @@ class Scanner:
     until the next call.
     """
 
-    def __init__(self, dialect: Dialect, *, timed: bool) -> None:
-        """Start with nothing read."""
-        self._salvage = Salvage()
+    def __init__(self, dialect: Dialect, *, timed: bool, signing: Signing | None = None) -> None:
+        """Start with nothing read; with `signing` frames are verified, and those left out that are to be rejected."""
+        self._signatures = None if signing is None else Signatures(signing)
+        self.outcomes: Outcomes | None = None  # of the last call's `all_frames`, where they are verified
+        self._salvage = Salvage(signatures=None if self._signatures is None else self._signatures.counts)
         self.buffer: Bytes = np.empty(0, np.uint8)
         self.all_frames: Frames = np.empty(0, FRAME)  # of the last call, with those of unknown ids
         self._base = 0
@@ -140,12 +145,23 @@ class Scanner:
             stamped_us=np.full((_SLOTS, 256), -1, np.int64),
             stands=np.zeros(_SLOTS, np.int16),
             repeated=np.zeros(_SLOTS, np.int64),
+            signs=np.zeros(_SLOTS, np.bool_),
         )
 
     @property
     def read(self) -> int:
         """How many bytes were read so far."""
         return self._salvage.bytes
+
+    @property
+    def frames(self) -> int:
+        """How many frames of known ids were found so far, refused ones included."""
+        return self._salvage.frames
+
+    @property
+    def bare(self) -> int:
+        """How many came unsigned of senders that had signed others."""
+        return int(self._counts[_BARE_FRAMES])
 
     @property
     def salvage(self) -> Salvage:
@@ -185,6 +201,7 @@ class Scanner:
         capacity = buffer.size // _SMALLEST_FRAME + len(ends) + 1
         frames, gaps = np.empty(capacity, FRAME), np.empty((capacity, 2), np.int64)
         unverified = int(counts[_UNVERIFIED])
+        refuses = self._signatures is not None and self._signatures.refuses
         n_frames, n_gaps = scan_kernel(
             buffer,
             self._base,
@@ -193,6 +210,7 @@ class Scanner:
             whole,
             final,
             self._timed,
+            not refuses,
             *self._tables,
             counts,
             self._components,
@@ -200,13 +218,27 @@ class Scanner:
             gaps,
         )
         self.all_frames = verified = frames[:n_frames]
-        if counts[_UNVERIFIED] != unverified:
-            verified = verified[verified["verified"] == 1]
+        unknown = int(counts[_UNVERIFIED]) - unverified
         salvage.bytes += data.size
-        salvage.frames += len(verified)
+        salvage.frames += n_frames - unknown
+        if self._signatures is not None:
+            self.outcomes = self._signatures.judge(buffer, self._base, verified)
+            unknown += self._refuse(self._signatures.counts, self.outcomes) if refuses else 0
+        if unknown:
+            verified = verified[verified["verified"] == 1]
         for offset, length in gaps[:n_gaps].tolist():
             salvage.add_gap(offset, length)
         return verified
+
+    def _refuse(self, counts: SignatureCounts, outcomes: Outcomes) -> int:
+        """Leave out what does not hold, as if it had not come; how many of known ids that are."""
+        frames, holds = self.all_frames, outcomes == Outcome.HOLDS
+        row_of_id, _, _, stamped = self._tables
+        admit_kernel(self.buffer, holds, row_of_id, stamped, self._counts, self._components, frames)
+        refused = int(frames["verified"][~holds].sum())
+        frames["verified"][~holds] = 0
+        counts.refused += refused
+        return refused
 
     def repeated(self, sysid: int, compid: int) -> int:
         """How many frames of a component had come before."""
@@ -216,19 +248,24 @@ class Scanner:
     def heads(self) -> tuple[Mask, Mask]:
         """Which of the last call's frames (n,), those of unknown ids included, are of MAVLink 1; which are signed."""
         start = self.all_frames["offset"] - self._base
-        mavlink1 = self.buffer[start] == _V1
-        return mavlink1, ~mavlink1 & (self.buffer[start + 2] & _SIGNED == _SIGNED)
+        return self.buffer[start] == _V1, self.all_frames["signed"] == 1
 
     def raw_frames(self) -> list[RawFrame]:
         """The frames of the last call, those of unknown ids included, byte for byte as they came."""
         frames = self.all_frames
         start = frames["offset"] - self._base
-        _, signed = self.heads()
-        stop = frames["payload"] + frames["length"] + np.where(signed, 15, 2)
+        stop = ends_of(frames)
         return [
             RawFrame(t_rx_us, self.buffer[first:end].tobytes())
             for t_rx_us, first, end in zip(frames["t_rx_us"].tolist(), start.tolist(), stop.tolist(), strict=True)
         ]
+
+
+def ends_of(frames: Frames) -> Int64s:
+    """Where each of the frames (n,) ends in what was scanned, its signature included."""
+    behind = np.where(frames["signed"] == 1, 2 + BLOCK_BYTES, 2)
+    ends: Int64s = frames["payload"].astype(np.int64) + frames["length"] + behind
+    return ends
 
 
 _SMALLEST_FRAME = 8

@@ -11,6 +11,7 @@ from gcs_bridge.chunks import Chunk
 from gcs_bridge.contract import readable
 from gcs_bridge.errors import UsageError
 from gcs_bridge.judging.monitor import Monitor
+from gcs_bridge.mavlink.signing import SigningKey, Unsigned
 from gcs_bridge.recordings.ahead import ahead
 from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.report import Report
@@ -22,13 +23,21 @@ Progress = Callable[[int, int], None]
 
 
 def check(
-    path: str | Path, profile: str = "default", *, settings: Settings | None = None, dialect: str = "all"
+    path: str | Path,
+    profile: str = "default",
+    *,
+    settings: Settings | None = None,
+    dialect: str = "all",
+    signing_key: bytes | SigningKey | None = None,
+    unsigned: Unsigned | None = None,
 ) -> Report:
-    """Judge one recording; `report.to_dict()` is the contract's JSON.
+    """Judge one recording; `report.to_dict()` is the contract's JSON. Key and `unsigned` as of a `Monitor`.
 
-    Raises SourceError where the file cannot be used, UsageError for an unknown profile or dialect.
+    Raises SourceError where the file cannot be used, UsageError for an unknown profile or dialect, or no key.
     """
-    return Report.of([check_file(Path(path), settings or load_settings(profile), dialect=dialect)])
+    asked = settings or load_settings(profile)
+    entry = check_file(Path(path), asked, dialect=dialect, signing_key=signing_key, unsigned=unsigned)
+    return Report.of([entry])
 
 
 def check_file(
@@ -41,10 +50,13 @@ def check_file(
     to_s: float | None = None,
     progress: Progress | None = None,
     sinks: Iterable[Sink] = (),
+    signing_key: bytes | SigningKey | None = None,
+    unsigned: Unsigned | None = None,
 ) -> File:
     """Judge one recording and return its entry in the report.
 
-    `progress` is told bytes done and in all, `sinks` what is told while it is judged. Raises SourceError where the
+    `progress` is told bytes done and in all, `sinks` what is told while it is judged; key and `unsigned` are
+    a `Monitor`'s. Raises SourceError where the
     file cannot be used, UsageError where `from_s` is past its end or the file has no times to select by.
     """
     taking = Sinks(sinks)
@@ -56,6 +68,8 @@ def check_file(
         to_s=to_s,
         observer=taking.observer,
         on_frames=taking.on_frames,
+        signing_key=signing_key,
+        unsigned=unsigned,
     )
     with open_recording(path, dialect) as source:
         if from_s is not None or to_s is not None:

@@ -17,7 +17,7 @@ from gcs_bridge.mavlink.checksum import frame_crc
 from gcs_bridge.mavlink.decode import decode
 from gcs_bridge.mavlink.dialect import Dialect, Message
 from gcs_bridge.mavlink.scan import Bytes, Frames
-from gcs_bridge.mavlink.scanner import Scanner
+from gcs_bridge.mavlink.scanner import Scanner, ends_of
 
 # --- what may be touched -------------------------------------------------------------------------------------------
 
@@ -50,11 +50,9 @@ def frames_in(data: bytes, dialect: Dialect) -> RecordingFrames:
         raise SourceError(f"too large: a fault can be put into recordings of up to {_LARGEST} bytes")
     scanner = Scanner(dialect, timed=True)
     frames = scanner.scan(data, final=True)
-    at = frames["offset"]
-    signed = (scanner.buffer[at] == 0xFD) & (scanner.buffer[at + 2] & 1 == 1)
-    stop = frames["payload"].astype(np.int64) + frames["length"] + np.where(signed, 15, 2)
+    stop = ends_of(frames)
     # A frame found behind damage may have lost part of its time.
-    start = np.maximum(at - 8, np.concatenate([[0], stop[:-1]]))
+    start = np.maximum(frames["offset"] - 8, np.concatenate([[0], stop[:-1]]))
     return RecordingFrames(data, scanner.buffer, dialect, frames, start, stop)
 
 

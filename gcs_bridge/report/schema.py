@@ -16,6 +16,7 @@ __all__ = [
     "File",
     "Gap",
     "Salvage",
+    "Signatures",
     "Station",
     "Vehicle",
     "Verdict",
@@ -32,6 +33,17 @@ class Gap(Struct, frozen=True, kw_only=True):
     bytes: int
 
 
+class Signatures(Struct, frozen=True, kw_only=True):
+    """What frames' signatures came to, by the key that was given."""
+
+    valid: Annotated[int, Meta(description="frames whose signature and time are right")]
+    unsigned: Annotated[int, Meta(description="frames without a signature")]
+    wrong: Annotated[int, Meta(description="frames that were signed by another key, or changed")]
+    replayed: Annotated[int, Meta(description="frames whose time is not later than that of one before of their stream")]
+    old: Annotated[int, Meta(description="frames of a new stream, more than a minute behind the newest")]
+    refused: Annotated[int, Meta(description="frames that are none of the valid, and were not used")]
+
+
 class Salvage(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What was read of a file or link, and what was not."""
 
@@ -40,7 +52,8 @@ class Salvage(Struct, frozen=True, kw_only=True, omit_defaults=True):
     repaired_crc: Annotated[int, Meta(description="frames that were whole but for the checksum, and are used")]
     unverified: Annotated[int, Meta(description="frames of unknown ids, whose checksum cannot be told")]
     skipped_bytes: Annotated[int, Meta(description="bytes in gaps")]
-    signed: Annotated[int, Meta(description="frames that carry a signature")]
+    signed: Annotated[int, Meta(description="frames that carry a signature, whatever it is worth")]
+    signatures: Annotated[Signatures | None, Meta(description="null: not verified, as no key was given")]
     duplicates: Annotated[int, Meta(description="frames that came before, and were not used")]
     bad_times: Annotated[int, Meta(description="records whose receive time was damaged, and was not used")]
     read_fraction: Annotated[float | None, Meta(description="share of the bytes that were read; null without any")]

@@ -40,6 +40,8 @@ def _file(entry: File, detail: int) -> Iterator[str]:
     if detail > 0:
         for gap in salvage.gaps:
             yield from labelled("", f"gap of {counted(gap.bytes, 'byte')} at byte {shown(gap.offset)}", indent=2)
+    if salvage.signed or salvage.signatures is not None:
+        yield from labelled("signing", _signing(salvage), indent=2)
     for remark in salvage.remarks:
         yield from labelled("note", one_line(remark), indent=2)
     if detail > 0 and entry.others:
@@ -58,7 +60,25 @@ def _salvage(salvage: Salvage) -> str:
         (salvage.repaired_crc, "repaired"),
         (salvage.unverified, "of unknown kind"),
         (salvage.duplicates, "duplicate"),
-        (salvage.signed, "signed"),
+    ):
+        if count:
+            said.append(f"{count} {word}")
+    return ", ".join(map(_whole, said))
+
+
+def _signing(salvage: Salvage) -> str:
+    """How many frames are signed, and what their signatures are worth."""
+    found = salvage.signatures
+    if found is None:
+        all_frames = salvage.frames + salvage.unverified
+        return f"{shown(salvage.signed)} of {counted(all_frames, 'frame')} signed, not verified: no key was given"
+    said = [f"{shown(found.valid)} of {shown(salvage.signed)} signatures verified"]
+    for count, word in (
+        (found.wrong, "by another key, or changed"),
+        (found.replayed, "replayed, or late"),
+        (found.old, "of streams more than a minute old"),
+        (found.unsigned, "frames without a signature"),
+        (found.refused, "frames not used for that"),
     ):
         if count:
             said.append(f"{count} {word}")

@@ -118,6 +118,8 @@ def _said(event: Event) -> str:
             return f"boot clock stepped by {step_s:+.1f} s"
         case RateRequested() | ReceiverPaused():
             return event.reason
+        case Damage(signature=str()):
+            return f"signing: {event.reason}"
     said = [_SAID.get(event.name) or event.name.replace("_", " ")]
     if isinstance(event.link, str):
         said.append(event.link)

@@ -13,13 +13,14 @@ CHECKS = [
     *("secondary_estimate", "stream"),
 ]
 
-SALVAGE = {
+SALVAGE: dict[str, Any] = {
     "frames": 30241,
     "bad_crc": 0,
     "repaired_crc": 0,
     "unverified": 0,
     "skipped_bytes": 0,
     "signed": 0,
+    "signatures": None,
     "duplicates": 0,
     "bad_times": 0,
     "read_fraction": 1.0,

@@ -1,5 +1,6 @@
 """Bytes as vehicles send and recorders write them: packed by pymavlink, turned by SciPy, never by our own package."""
 
+import hashlib
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
@@ -67,6 +68,14 @@ def ahrs2(rpy_rad: Sequence[float] | Array, **wire: Any) -> bytes:
 def with_checksum(frame: bytes, crc_extra: int) -> bytes:
     """An unsigned frame with the checksum that its bytes ask for, by pymavlink's own x25crc."""
     return frame[:-2] + struct.pack("<H", x25crc(frame[1:-2] + bytes([crc_extra])).crc)
+
+
+def signed(frame: bytes, key: bytes, *, time: int, link: int = 0) -> bytes:
+    """An unsigned frame of MAVLink 2, signed at `time`, in units of 10 µs since 2015, as sender of a link id."""
+    crc_extra = mavlink.mavlink_map[int.from_bytes(frame[7:10], "little")].crc_extra
+    marked = with_checksum(frame[:2] + b"\x01" + frame[3:], crc_extra)
+    whole = marked + bytes([link]) + time.to_bytes(6, "little")
+    return whole + hashlib.sha256(key + whole).digest()[:6]
 
 
 def record(t_us: int, frame: bytes) -> bytes:
