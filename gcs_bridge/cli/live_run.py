@@ -122,8 +122,8 @@ class LiveRun:
         """Listen on the links that `openers` open until a signal, or `duration_s`, ends it; returns the exit code.
 
         `beside` is entered for the time of listening; `sinks` come to those that are asked for; `asked`: what is to be
-        sent; `metrics_port`: where Prometheus may read; key and `unsigned` are a `Monitor`'s. A link or port that cannot
-        be opened is a SourceError.
+        sent; `metrics_port`: where Prometheus may read; key and `unsigned` are a `Monitor`'s. A link or a port that
+        cannot be opened is a SourceError.
         """
         from gcs_bridge.links.loop import Stop
 

@@ -63,7 +63,7 @@ def _salvage(salvage: Salvage) -> str:
     ):
         if count:
             said.append(f"{count} {word}")
-    return ", ".join(map(_whole, said))
+    return ", ".join(map(unbroken, said))
 
 
 def _signing(salvage: Salvage) -> str:
