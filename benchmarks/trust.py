@@ -287,7 +287,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--faults", action="store_true", help="measure how soon faults are found instead")
     arguments = parser.parse_args(argv)
     chosen = [one for one in recordings(arguments.folders) if one.path.stem.startswith(arguments.only)]
-    with ProcessPoolExecutor(arguments.processes, initializer=os.nice, initargs=(19,)) as pool:
+    with ProcessPoolExecutor(arguments.processes, initializer=os.nice, initargs=(10,)) as pool:
         if arguments.faults:
             return find_faults(pool, chosen)
         return count_false_alarms(pool, chosen, max(arguments.every, 1))

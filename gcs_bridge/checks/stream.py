@@ -74,7 +74,7 @@ class StreamCheck(Check):
             silent=self._alarm_spec(f"{name} silent", "alarm", stopped, at_once),
             frozen=self._alarm_spec(f"{name} frozen", "alarm", frozen, at_once),
             invalid=self._alarm_spec(
-                f"{name} invalid", "alarm", f"{name} carries NaN or infinity", self._delays, unit="1"
+                f"{name} invalid", "alarm", f"{name} carries NaN or infinity", self._delays, unit=""
             ),
             slow=self._alarm_spec(f"{name} slow", "warning", slow, at_once, unit="1"),
         )

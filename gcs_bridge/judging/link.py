@@ -20,7 +20,7 @@ from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.others import Others
 from gcs_bridge.telemetry.roster import Roster
-from gcs_bridge.telemetry.sorting import FrameSorter, Share, SortedFrames
+from gcs_bridge.telemetry.sorting import FrameSorter, SortedFrames
 
 Datagram = tuple[bytes, int]  # with its receive time, µs since 1970
 FrameObserver = Callable[[int | str, Sequence[RawFrame]], None]
