@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from collections import Counter, defaultdict
@@ -117,12 +116,14 @@ def own_rate_hz(data: bytes) -> float:
     return max(filter(None, rates), default=0.0)
 
 
-def fly_all(path: Path, number: int, every: int = 1) -> list[tuple[Link, Flown]]:
-    """Judge a recording over all links whose rate it can have, or one in `every`: which, goes by its number."""
+def fly_all(
+    path: Path, number: int, every: int = 1, troubles: Sequence[str] = tuple(TROUBLES)
+) -> list[tuple[Link, Flown]]:
+    """Judge a recording over the links of some troubles whose rate it can have, or one in `every`: by its number."""
     data = path.read_bytes()
     own_hz = own_rate_hz(data)
     fastest_hz = max((rate for rate in RATES_HZ if own_hz >= _ENOUGH * rate), default=RATES_HZ[-1])
-    links = [link for link in LINKS if link.rate_hz <= fastest_hz]
+    links = [link for link in LINKS if link.rate_hz <= fastest_hz and link.trouble in troubles]
     return [(link, fly(path, link, data)) for link in links[number % every :: every]]
 
 
@@ -283,14 +284,16 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("folders", nargs="*", type=Path, help="with more recordings")
     parser.add_argument("--only", default="", help="judge the recordings whose names begin so")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="one link in N alone")
+    parser.add_argument("--troubles", nargs="+", choices=TROUBLES, default=list(TROUBLES), metavar="NAME")
     parser.add_argument("--processes", type=int, default=PROCESSES, metavar="N")
     parser.add_argument("--faults", action="store_true", help="measure how soon faults are found instead")
     arguments = parser.parse_args(argv)
     chosen = [one for one in recordings(arguments.folders) if one.path.stem.startswith(arguments.only)]
-    with ProcessPoolExecutor(arguments.processes, initializer=os.nice, initargs=(10,)) as pool:
+    with ProcessPoolExecutor(arguments.processes) as pool:
         if arguments.faults:
             return find_faults(pool, chosen)
-        return count_false_alarms(pool, chosen, max(arguments.every, 1))
+        work = partial(fly_all, every=max(arguments.every, 1), troubles=arguments.troubles)
+        return count_false_alarms(pool, chosen, work)
 
 
 def in_turn(
@@ -318,10 +321,12 @@ def find_faults(pool: Executor, chosen: Sequence[Recording]) -> int:
     return int(bool(missed))
 
 
-def count_false_alarms(pool: Executor, chosen: Sequence[Recording], every: int) -> int:
+def count_false_alarms(
+    pool: Executor, chosen: Sequence[Recording], work: Callable[[Path, int], list[tuple[Link, Flown]]]
+) -> int:
     """Judge the recordings over all links, and print; 1 where a promise is broken."""
     flown: dict[str, dict[str, list[tuple[Link, Flown]]]] = defaultdict(dict)
-    for recording, found in in_turn(pool, partial(fly_all, every=every), chosen):
+    for recording, found in in_turn(pool, work, chosen):
         flown[recording.kind][recording.path.stem] = found
     healthy = flown["healthy"]
     every = [one for of in healthy.values() for one in of]
