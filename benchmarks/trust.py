@@ -3,6 +3,7 @@
     python -m benchmarks.trust                    # the fixtures; some minutes, two processes
     python -m benchmarks.trust FOLDER ...         # and other recordings, .tlog
     python -m benchmarks.trust --faults           # how soon faults that are put in are found, instead
+    python -m benchmarks.trust --every 9          # each recording over one link in nine, over all by turns
 
 Every recording is brought by links of several rates, losses and disorders (`trust_links`), judged, and looked at by a
 witness (`trust_witness`), who also asks a naive comparator. What a fixture should raise is known from its facts; of
@@ -13,13 +14,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -115,12 +116,15 @@ def own_rate_hz(data: bytes) -> float:
     return max(filter(None, rates), default=0.0)
 
 
-def fly_all(path: Path) -> list[tuple[Link, Flown]]:
-    """Judge a recording over all links whose rate it can have."""
+def fly_all(
+    path: Path, number: int, every: int = 1, troubles: Sequence[str] = tuple(TROUBLES)
+) -> list[tuple[Link, Flown]]:
+    """Judge a recording over the links of some troubles whose rate it can have, or one in `every`: by its number."""
     data = path.read_bytes()
     own_hz = own_rate_hz(data)
     fastest_hz = max((rate for rate in RATES_HZ if own_hz >= _ENOUGH * rate), default=RATES_HZ[-1])
-    return [(link, fly(path, link, data)) for link in LINKS if link.rate_hz <= fastest_hz]
+    links = [link for link in LINKS if link.rate_hz <= fastest_hz and link.trouble in troubles]
+    return [(link, fly(path, link, data)) for link in links[number % every :: every]]
 
 
 _ENOUGH = 0.6  # of a rate, lost messages considered: a slower recording has its place at a lower rate
@@ -279,35 +283,50 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.trust", description="Count false alarms.")
     parser.add_argument("folders", nargs="*", type=Path, help="with more recordings")
     parser.add_argument("--only", default="", help="judge the recordings whose names begin so")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="one link in N alone")
+    parser.add_argument("--troubles", nargs="+", choices=TROUBLES, default=list(TROUBLES), metavar="NAME")
+    parser.add_argument("--processes", type=int, default=PROCESSES, metavar="N")
     parser.add_argument("--faults", action="store_true", help="measure how soon faults are found instead")
     arguments = parser.parse_args(argv)
     chosen = [one for one in recordings(arguments.folders) if one.path.stem.startswith(arguments.only)]
-    with ProcessPoolExecutor(PROCESSES, initializer=os.nice, initargs=(19,)) as pool:
-        return find_faults(pool, chosen) if arguments.faults else count_false_alarms(pool, chosen)
+    with ProcessPoolExecutor(arguments.processes) as pool:
+        if arguments.faults:
+            return find_faults(pool, chosen)
+        work = partial(fly_all, every=max(arguments.every, 1), troubles=arguments.troubles)
+        return count_false_alarms(pool, chosen, work)
 
 
-def in_turn(pool: Executor, work: Callable[[Path], T], chosen: Sequence[Recording]) -> Iterator[tuple[Recording, T]]:
-    """Do the work on each recording; say so on stderr as it gets done."""
+def in_turn(
+    pool: Executor, work: Callable[[Path, int], T], chosen: Sequence[Recording]
+) -> Iterator[tuple[Recording, T]]:
+    """Do the work on each recording, given its number; say so on stderr as it gets done."""
     begun_s = time.monotonic()
-    for recording, done in zip(chosen, pool.map(work, [one.path for one in chosen]), strict=True):
+    for recording, done in zip(chosen, pool.map(work, [one.path for one in chosen], range(len(chosen))), strict=True):
         print(f"{time.monotonic() - begun_s:5.0f} s  {recording.path.stem}", file=sys.stderr, flush=True)
         yield recording, done
+
+
+def try_faults(path: Path, _number: int) -> list[trust_faults.Case]:
+    """Every fault in one recording."""
+    return trust_faults.try_faults(path)
 
 
 def find_faults(pool: Executor, chosen: Sequence[Recording]) -> int:
     """Put faults into the healthy recordings, and print how soon they were told; 1 where one never was."""
     healthy = [one for one in chosen if one.kind == "healthy"]
-    cases = [case for _, found in in_turn(pool, trust_faults.try_faults, healthy) for case in found]
+    cases = [case for _, found in in_turn(pool, try_faults, healthy) for case in found]
     table(["fault", *map(str, trust_faults.LINKS)], list(trust_faults.rows(cases)))
     missed = [case for case in cases if case.delay_s is None]
     print("", *missed, sep="\n", file=sys.stderr)
     return int(bool(missed))
 
 
-def count_false_alarms(pool: Executor, chosen: Sequence[Recording]) -> int:
+def count_false_alarms(
+    pool: Executor, chosen: Sequence[Recording], work: Callable[[Path, int], list[tuple[Link, Flown]]]
+) -> int:
     """Judge the recordings over all links, and print; 1 where a promise is broken."""
     flown: dict[str, dict[str, list[tuple[Link, Flown]]]] = defaultdict(dict)
-    for recording, found in in_turn(pool, fly_all, chosen):
+    for recording, found in in_turn(pool, work, chosen):
         flown[recording.kind][recording.path.stem] = found
     healthy = flown["healthy"]
     every = [one for of in healthy.values() for one in of]

@@ -71,7 +71,7 @@ IsNot = Annotated[str, Meta(description="what it is, and what it is no sign of")
 RaisedBoot = Annotated[float | None, Meta(description="first raise, s of boot time; null while it is pending")]
 ClearedBoot = Annotated[float | None, Meta(description="s of boot time; null as long as it was not seen to go")]
 RaisedUtc = Annotated[str | None, Meta(description="receive time of the first raise, ISO 8601")]
-Unit = Annotated[str, Meta(description="of `peak`")]
+Unit = Annotated[str, Meta(description="of `peak`; empty where that says no more than that it is so")]
 Peak = Annotated[float, Meta(description="the largest difference")]
 Axis = Annotated[str | None, Meta(description="where the difference lies: tilt, heading, or about a body axis")]
 Tilt = Annotated[float | None, Meta(description="deg, of the second attitude seen from the first")]

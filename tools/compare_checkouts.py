@@ -95,7 +95,7 @@ def _name(place: int, recording: Path) -> str:
 
 def _start(checkout: Path, folder: Path, recordings: list[Path]) -> subprocess.Popen[str]:
     process = subprocess.Popen(
-        [sys.executable, "-c", _DRIVER],
+        [sys.executable, "-P", "-c", _DRIVER],  # -P: or the folder that it is run in comes first
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,

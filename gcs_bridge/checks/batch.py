@@ -10,7 +10,7 @@ from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.pairing.references import ImuWithAttitude, VehicleImu
 from gcs_bridge.pairing.steps import Steps
 from gcs_bridge.telemetry.heard import HeardFrames
-from gcs_bridge.telemetry.rate_requests import RateRequest
+from gcs_bridge.telemetry.others import OfOthers
 from gcs_bridge.telemetry.samples import Ahrs2Samples, AttitudeSamples
 from gcs_bridge.telemetry.statements import Statement, StepSignal
 from gcs_bridge.telemetry.stream_liveness import StreamChange, Timeline
@@ -24,10 +24,11 @@ class CheckBatch:
     `pairs` and `steps` of both. `attitude`: the one attitude that others are compared with, rows of q_nb and body
     rates. `imu`: samples of one inertial sensor. `imu_with_attitude`: those of its samples, of this batch or before,
     whose attitude is known now. `secondary`: of the second estimate. `fixed_wing`, `ardupilot`: 1 or 0 by frame, NaN
-    before a heartbeat said so; `may_be_trim`: 1 while AHRS_TRIM may still be found in what disagrees; `trim_open`: 1
-    while it is neither told nor fitted, so that it may be anything. `stream_changes`: what started, went stale or
-    resumed; `line`: all timed messages. `heard`: all of the vehicle's frames up to the last of these. `wishes`: rates
-    that were asked for. `statements`: what the vehicle said of itself.
+    before a heartbeat said so; `may_be_trim`: 1 while AHRS_TRIM may still be found in what disagrees; `explained`: how
+    often what differs on purpose was told or found; `trim_open`: 1 while AHRS_TRIM is neither told nor fitted, so that
+    it may be anything. `stream_changes`: what started, went stale or resumed; `line`: all timed messages. `heard`: all
+    of the vehicle's frames up to the last of these. `said_by_others`: rates that were asked for, and what slows the
+    streams. `statements`: what the vehicle said of itself.
     """
 
     euler: AttitudeSamples
@@ -41,11 +42,12 @@ class CheckBatch:
     fixed_wing: StepSignal
     ardupilot: StepSignal
     may_be_trim: StepSignal
+    explained: StepSignal
     trim_open: StepSignal
     stream_changes: list[StreamChange]
     line: Timeline
     heard: HeardFrames
-    wishes: list[RateRequest]
+    said_by_others: list[OfOthers]
     statements: list[Statement]
 
     def frames(self, first: int, end: int) -> CheckBatch:
@@ -63,7 +65,7 @@ class CheckBatch:
             secondary=self.secondary.frames(first, end),
             line=self.line.frames(first, end),
             heard=self.heard.frames(first, end),
-            wishes=[one for one in self.wishes if first <= one.frame_index < end],
+            said_by_others=[one for one in self.said_by_others if first <= one.frame_index < end],
             stream_changes=[change for change in self.stream_changes if first <= change.frame_index < end],
             statements=[say for say in self.statements if first <= say.frame_index < end],
         )

@@ -63,6 +63,7 @@ _MEMORY = np.dtype(
         ("latest_us", "i8"),  # of the mean
         ("bad_us", "i8"),  # the latest bad pair
         ("onset_us", "i8"),  # of the present disagreement
+        ("explained", "f8"),  # how often what differs on purpose had been found by then
     ]
 )
 
@@ -160,6 +161,7 @@ class EulerQuaternion(Check):
             batch.ardupilot.steps,
             batch.fixed_wing.steps,
             batch.may_be_trim.steps,
+            batch.explained.steps,
             _Pairs(
                 frame_index=pairs.frame_index,
                 t_boot_us=pairs.t_boot_us,
@@ -268,6 +270,7 @@ def judge_pairs(
     ardupilot: tuple[Int64s, Floats],
     fixed_wing: tuple[Int64s, Floats],
     may_be_trim: tuple[Int64s, Floats],
+    explained: tuple[Int64s, Floats],
     pairs: _Pairs,
     as_sent: bool,
     found: _Found,
@@ -293,7 +296,8 @@ def judge_pairs(
         trim = held_at(may_be_trim, pairs.frame_index[i]) == 1.0
         if found.counted[i] and angle > limit and held_at(ardupilot, pairs.frame_index[i]) != 0.0:  # NaN: not known yet
             wings = held_at(fixed_wing, pairs.frame_index[i]) != 0.0
-            found.counted[i] = not is_withheld(pairs, i, of, found, wings, trim)
+            so_far = held_at(explained, pairs.frame_index[i])
+            found.counted[i] = not is_withheld(pairs, i, of, found, wings, trim, so_far)
         if found.counted[i]:
             of.counted += 1
             of.bad += angle > limit

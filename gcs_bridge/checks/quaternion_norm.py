@@ -37,6 +37,7 @@ class QuaternionNorm(Check):
             "ATTITUDE_QUATERNION is all four zero: no attitude",
             delays,
             not_a_sign_of="not a stream that is missing: it comes, with nothing in it",
+            unit="",
         )
         self.alarm_specs = *self._warning_and_alarm(what, delays, asks_doctor=True), zero
         self._zeros = np.zeros(2, np.int64)  # how many there were, and in the boot

@@ -17,10 +17,12 @@ from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.base import NO_DETAIL, Check
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.checks.stream_following import STREAM, VEHICLE, Frames, Messages, Requests, follow
+from gcs_bridge.checks.stream_following import STREAM, VEHICLE, Frames, Messages, Requests, Slowdowns, follow
 from gcs_bridge.columns import Int64s
 from gcs_bridge.settings import AlarmSettings, StreamSettings
 from gcs_bridge.telemetry.heard import HeardFrames
+from gcs_bridge.telemetry.others import OfOthers
+from gcs_bridge.telemetry.radio_flow import Slowdown
 from gcs_bridge.telemetry.rate_requests import Address, RateChange, RateRequest
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.senders import SenderSign
@@ -58,6 +60,7 @@ class StreamCheck(Check):
         self._at_once = replace(delays, bad_samples=1, counted_samples=1, on_delay_s=0.0)
         self._pauses = self._paused_us = 0  # of the receiver
         self._stood = False  # whether the clock stood still
+        self._radios: set[Address] = set()  # that made streams slower
         self._at_odds: set[tuple[Address, Address]] = set()  # stations that undo each other's rates
         self._alarms = tuple(self._alarms_of(name) for name in STREAMS)
         self._sender_alarms = self._alarms_of_senders("one identity" if address is None else "{},{}".format(*address))
@@ -73,7 +76,7 @@ class StreamCheck(Check):
             silent=self._alarm_spec(f"{name} silent", "alarm", stopped, at_once),
             frozen=self._alarm_spec(f"{name} frozen", "alarm", frozen, at_once),
             invalid=self._alarm_spec(
-                f"{name} invalid", "alarm", f"{name} carries NaN or infinity", self._delays, unit="1"
+                f"{name} invalid", "alarm", f"{name} carries NaN or infinity", self._delays, unit=""
             ),
             slow=self._alarm_spec(f"{name} slow", "warning", slow, at_once, unit="1"),
         )
@@ -127,11 +130,11 @@ class StreamCheck(Check):
                 self._pauses += 1
                 self._paused_us += turn.silent_us
             self._stood |= turn.what == "stands"
-        self._follow(messages, batch.heard, batch.wishes, ballot)
+        self._follow(messages, batch.heard, batch.said_by_others, ballot)
 
-    def hear(self, heard: HeardFrames, wishes: list[RateRequest], ballot: Ballot) -> None:
-        """Take frames behind the last message with a time."""
-        self._follow(_NO_MESSAGES, heard, wishes, ballot)
+    def hear(self, heard: HeardFrames, said: list[OfOthers], ballot: Ballot) -> None:
+        """Take frames behind the last message with a time, and what others said meanwhile."""
+        self._follow(_NO_MESSAGES, heard, said, ballot)
 
     def hear_wish(self, change: RateChange) -> None:
         """Take who asked for which rate, for the report."""
@@ -155,6 +158,9 @@ class StreamCheck(Check):
             f"{one[0]},{one[1]} and {other[0]},{other[1]} undo each other's rates"
             for one, other in sorted(self._at_odds)
         ]
+        if self._radios:
+            radios = " and ".join(f"{sysid},{compid}" for sysid, compid in sorted(self._radios))
+            said.append(f"a radio, {radios}, ran out of buffer, for which autopilots slow their streams")
         return "; ".join(said) or None
 
     def senders(self, signs: list[SenderSign], frame_index: Int64s, t_boot_us: Int64s, ballot: Ballot) -> None:
@@ -175,13 +181,22 @@ class StreamCheck(Check):
                 ),
             )
 
-    def _follow(self, messages: Messages, heard: HeardFrames, wishes: list[RateRequest], ballot: Ballot) -> None:
+    def _follow(self, messages: Messages, heard: HeardFrames, said: list[OfOthers], ballot: Ballot) -> None:
         n = len(messages.t_us)
+        wishes: list[RateRequest] = []
+        slowdowns: list[Slowdown] = []
+        for one in said:
+            if isinstance(one, Slowdown):
+                slowdowns.append(one)
+                self._radios |= {one.by} if one.slowed else set()
+            else:
+                wishes.append(one)
         if n or len(heard):
             follow(
                 messages,
                 Frames(heard.frame_index, heard.heard_us, heard.transfer, heard.restarting),
                 _requests(wishes) if wishes else _NO_REQUESTS,
+                _slowdowns(slowdowns) if slowdowns else _NO_SLOWDOWNS,
                 self._streams,
                 self._vehicle,
                 self._places(ballot),
@@ -206,6 +221,12 @@ def _requests(wishes: list[RateRequest]) -> Requests:
     return Requests(np.array(frame_index, np.int64), np.array(stream, np.int64), np.array(rate_hz, np.float64))
 
 
+def _slowdowns(told: list[Slowdown]) -> Slowdowns:
+    frame_index, _, slowed, longer_us = zip(*told, strict=True)
+    return Slowdowns(np.array(frame_index, np.int64), np.array(slowed, np.bool_), np.array(longer_us, np.int64))
+
+
 _NONE = np.empty(0, np.int64)
+_NO_SLOWDOWNS = Slowdowns(_NONE, np.empty(0, np.bool_), _NONE)
 _NO_REQUESTS = Requests(_NONE, _NONE, np.empty(0))
 _NO_MESSAGES = Messages(*(_NONE,) * 7, np.empty((0, 3)), np.empty((0, 4)), np.empty((0, 4)))

@@ -23,6 +23,7 @@ from gcs_bridge.checks.stream_silence import (
     is_silent,
     silent_limit_s,
     silent_s,
+    take_slowdown,
 )
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
 from gcs_bridge.jit import helper, kernel
@@ -70,6 +71,8 @@ VEHICLE = np.dtype(
         ("restarting", "i8"),  # whether it may have restarted
         ("transfers", "i8"),  # messages of the latest transfer
         ("transfer_us", "i8"),  # the link's time at the last of them
+        ("slowed", "i8"),  # whether a radio slows the streams,
+        ("longer_us", "i8"),  # and by how much that may lengthen the interval of a message
         ("lost", "i8", (LOSS_MESSAGES,)),  # frames so far, at each of the last messages: rings
         ("received", "i8", (LOSS_MESSAGES,)),
         ("lost_share", "f8"),
@@ -118,6 +121,14 @@ class Requests(NamedTuple):
     rate_hz: Floats
 
 
+class Slowdowns(NamedTuple):
+    """As in `Slowdown` (n,)."""
+
+    frame_index: Int64s
+    slowed: Mask
+    longer_us: Int64s
+
+
 @helper
 def _same_s(stream: Any, other: Any, numbers: Any, t_us: Any) -> Any:
     """For how long the sample's numbers have been the same. NaN differs from itself, and is no frozen attitude."""
@@ -154,13 +165,13 @@ def _interval_s(vehicle: Any, t_us: Any) -> Any:
 
 @kernel
 def follow(
-    messages: Messages, heard: Frames, requests: Requests, streams: Annotated[Records, STREAM],
+    messages: Messages, heard: Frames, requests: Requests, slowdowns: Slowdowns, streams: Annotated[Records, STREAM],
     vehicles: Annotated[Records, VEHICLE], places: Int64s, votes: Votes, watched: Watched,
 ) -> None:  # fmt: skip
-    """Follow a vehicle's timed messages, its frames among which they are, and requests, in order of arrival."""
+    """Follow a vehicle's timed messages, its frames among which they are, and what others say, in order of arrival."""
     vehicle = vehicles[0]
     streams[0].row = streams[1].row = 0
-    n = frames = asked = 0
+    n = frames = asked = slower = 0
     while n < messages.t_us.size or frames < heard.frame_index.size:
         is_timed = n < messages.t_us.size
         if frames < heard.frame_index.size and (not is_timed or heard.frame_index[frames] <= messages.frame_index[n]):
@@ -168,6 +179,9 @@ def follow(
             while asked < requests.frame_index.size and requests.frame_index[asked] < frame_index:
                 take_request(streams[requests.stream[asked]], vehicle, requests.rate_hz[asked])
                 asked += 1
+            while slower < slowdowns.frame_index.size and slowdowns.frame_index[slower] < frame_index:
+                take_slowdown(streams, vehicle, slowdowns.slowed[slower], slowdowns.longer_us[slower])
+                slower += 1
             hear_frame(vehicle, streams, heard, frames)
             frames += 1
             if is_timed and frame_index == messages.frame_index[n]:
@@ -186,6 +200,9 @@ def follow(
     while asked < requests.frame_index.size:
         take_request(streams[requests.stream[asked]], vehicle, requests.rate_hz[asked])
         asked += 1
+    while slower < slowdowns.frame_index.size:
+        take_slowdown(streams, vehicle, slowdowns.slowed[slower], slowdowns.longer_us[slower])
+        slower += 1
 
 
 @helper
@@ -227,7 +244,9 @@ def _take_sample(stream: Any, other: Any, vehicle: Any, frame_index: Any, t_us: 
     row = stream.row
     stream.row += 1
     same_s = _same_s(stream, other, numbers[row], t_us)
-    frozen = same_s >= vehicle.frozen_after_s and _moved_rad(stream, other) > vehicle.moved_rad
+    # A quaternion of zeros is no attitude that stands still: `quaternion_norm` tells what it is.
+    is_none = q[row, 0] == 0.0 and q[row, 1] == 0.0 and q[row, 2] == 0.0 and q[row, 3] == 0.0
+    frozen = same_s >= vehicle.frozen_after_s and not is_none and _moved_rad(stream, other) > vehicle.moved_rad
     stream.value[_FROZEN] = same_s if frozen else 0.0
     stream.value[_INVALID] = 0.0 if is_known(q[row]) else 1.0
     stream.value[_SLOW] = times_slower(stream, vehicle, t_us)

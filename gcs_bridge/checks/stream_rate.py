@@ -1,4 +1,4 @@
-"""How many times slower than usual a stream comes: by the median of its own windows without a silence or a transfer.
+"""How many times slower than usual a stream comes: by the median of its own windows without a silence or what slows it.
 
 A rate that somebody asked for is the usual one from then on.
 """

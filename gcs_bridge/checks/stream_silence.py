@@ -2,7 +2,8 @@
 
 A silence is counted in time in which the vehicle was heard, whatever message it was heard by: on its boot clock where
 that is told, else on the link's clock. It counts from the last sample, or from the last message of a transfer, which
-slows streams or stops them. The more frames are lost, the longer it must be to mean anything.
+slows streams or stops them. The more frames are lost, the longer it must be to mean anything, and by as much as a radio
+that runs out of buffer makes intervals longer.
 """
 
 from __future__ import annotations
@@ -52,9 +53,19 @@ def hear_frame(vehicle: Any, streams: Any, heard: Any, i: Any) -> Any:
 
 
 @helper
+def take_slowdown(streams: Any, vehicle: Any, slowed: Any, longer_us: Any) -> Any:
+    """A radio slows the streams, by so much an interval, or does no more."""
+    vehicle.slowed, vehicle.longer_us = slowed, longer_us
+    if slowed:
+        for stream in streams:
+            stream.slowed = 1
+
+
+@helper
 def is_slowed(vehicle: Any) -> Any:
-    """Whether a transfer goes on."""
-    return vehicle.transfers >= _TRANSFER and vehicle.link_us - vehicle.transfer_us <= _TRANSFER_GAP_US
+    """Whether a transfer goes on, or a radio slows the streams."""
+    is_recent = vehicle.link_us - vehicle.transfer_us <= _TRANSFER_GAP_US
+    return vehicle.slowed != 0 or (vehicle.transfers >= _TRANSFER and is_recent)
 
 
 @helper
@@ -84,7 +95,7 @@ def silent_s(stream: Any, vehicle: Any) -> Any:
 def silent_limit_s(stream: Any, vehicle: Any, period_us: Any) -> Any:
     """How long a silence of a stream of that period may be, at the share of frames that is lost."""
     period_us = max(period_us, stream.asked_period_us)
-    return max(vehicle.stale_after_us, vehicle.least_periods * period_us, 1.0) * 1e-6
+    return (max(vehicle.stale_after_us, vehicle.least_periods * period_us, 1.0) + vehicle.longer_us) * 1e-6
 
 
 @helper

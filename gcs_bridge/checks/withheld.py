@@ -24,17 +24,19 @@ LEVEL_TRIM_RAD = _MOST_TRIM_RAD**2 / 2.0  # so much of heading both AHRS_TRIMs t
 
 
 @helper
-def is_withheld(pairs: Any, i: Any, of: Any, found: Any, may_be_fixed_wing: Any, may_be_trim: Any) -> Any:
+def is_withheld(
+    pairs: Any, i: Any, of: Any, found: Any, may_be_fixed_wing: Any, may_be_trim: Any, explained: Any
+) -> Any:
     """Whether a bad pair disagrees as a firmware may on purpose, while that could still be found out.
 
     What a firmware does is told by parameters and modes, or fitted to some pairs: both take a moment. For so long
     after its onset a disagreement has no vote if it is a turn about the body's y axis, or the level one to its right,
     on an ArduPlane (a view, a trim), or no larger than AHRS_TRIM could make it there: from a boot's first seconds on,
-    or while it takes time to fit that trim.
+    or while it takes time to fit that trim. `explained` counts what was found: behind that another disagreement begins.
     """
     before_us, of.bad_us = of.bad_us, max(of.bad_us, pairs.t_boot_us[i])
-    if of.bad_us - before_us > CALM_US:
-        of.onset_us = of.bad_us
+    if of.bad_us - before_us > CALM_US or explained != of.explained:
+        of.onset_us, of.explained = of.bad_us, explained
     x, y, z = row_at(found.rotvec_body, i)
     angle, limit = found.angle[i], found.limit[i]
     q_nb, norm2 = ray_at(pairs.q_quaternion, i)

@@ -90,9 +90,9 @@ def _denied(view: View, more: BetweenPairs, told: FirmwareConfig, rival: Correct
         fitted = fit_view(run, noise_rad)
         if fitted is not None and told.allows_view(np.array(fitted.correction.view_rad)):
             return _change(view, at, fitted, VTOL_VIEW)
-    if view.open & PITCH_TRIM:
+    if (view.open | view.changeable) & PITCH_TRIM:
         fitted = fit_pitch(run, view.expected[0]._replace(pitch_rad=0.0), noise_rad)
-        if fitted is not None and (_is_told_apart(fitted) or not (view.settled or view.fitted)):
+        if fitted is not None and (_is_told_apart(fitted) or view.may_begin_with(PITCH_TRIM)):
             return _change(view, at, fitted, PITCH_TRIM)
     if view.open & AHRS_TRIM and not view.fitted & AHRS_TRIM:
         whole = memory.window(more, 0)

@@ -23,7 +23,8 @@ class Corrected(FrameColumns):
 
     `q_nb` (n, 4) [w, x, y, z], FRD to NED; `causes` (n,) bits PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what turned a sample
     by more than 0.02°; `open` (n,) bits of what may be in it, was not told and not fitted yet, UNSURE where that takes
-    time, and TRIM_FITTED; `applied` (n,) which of the `corrections` was undone, the first of which is none.
+    time, and TRIM_FITTED; `applied` (n,) which of the `corrections` was undone, the first of which is none. `found_at`:
+    the frames, of any message, with which another correction was told, or found to hold.
     """
 
     q_nb: Floats
@@ -32,6 +33,7 @@ class Corrected(FrameColumns):
     applied: Int64s
     corrections: tuple[Correction, ...]
     changes: Int64s | None = None
+    found_at: tuple[int, ...] = ()
 
     def undo(self, rpy_rad: Floats, rows: Int64s) -> Floats:
         """What was undone at `rows` (n,) of the batch, undone in other angles (n, 3): q_nb (n, 4)."""

@@ -121,6 +121,11 @@ class FirmwareConfig:
         causes = 0 if {"AHRS_TRIM_X", "AHRS_TRIM_Y"} <= told else AHRS_TRIM
         return causes | (PITCH_TRIM if self._is_plane and self._pitch_rad() is None else 0)
 
+    def changeable_causes(self) -> int:
+        """The trims that were told, and may have another value since without a word that arrived: bits."""
+        is_trimmed = self._is_plane and self._pitch_rad() is not None and not self._keeps_trim
+        return PITCH_TRIM if is_trimmed else 0
+
     def predicted_view(self) -> Correction:
         """What is to be expected of a plane that hovers; a guess where it was told in part."""
         base, trim = self._view_parts()
@@ -160,10 +165,14 @@ class FirmwareConfig:
         told = self._parameters
         return told.get("Q_FRAME_CLASS") == _FRAME_TAILSITTER or told.get("Q_TAILSIT_MOTMX", 0.0) > 0
 
+    @property
+    def _keeps_trim(self) -> bool:
+        return bool(int(self._parameters.get("FLIGHT_OPTIONS", 0)) & _KEEP_TRIM)
+
     def _pitch_rad(self) -> float | None:
         """The trim that ArduPlane subtracts, None where it was not told."""
         told = self._parameters
-        if not self._is_plane or int(told.get("FLIGHT_OPTIONS", 0)) & _KEEP_TRIM:
+        if not self._is_plane or self._keeps_trim:
             return 0.0
         if "PTCH_TRIM_DEG" in told:
             return math.radians(told["PTCH_TRIM_DEG"])

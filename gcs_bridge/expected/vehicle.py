@@ -71,6 +71,8 @@ class Expected:
         self._forces = NO_FORCES  # the latest, of what may be a plane
         self._seat = Seat()
         self._applied, self._changed = NOTHING, 0  # to the last sample, and how often that has changed
+        self._found = 0  # how often another correction was told, or found to hold
+        self._found_at: list[int] = []  # the frames with which that was in this batch
         self._done = -1  # frame_index up to which pairs were taken
         self._shown = ShownView()
 
@@ -96,6 +98,7 @@ class Expected:
         q_nb, causes, untold = euler.q_nb, np.zeros(len(euler), np.uint8), np.zeros(len(euler), np.uint8)
         applied, corrections = np.zeros(len(euler), np.int64), [NOTHING]
         news, self._news = self._news, []
+        self._found_at = []
         done = [0, 0]
         for what in [*news, None]:
             if what is not None and not self._told.is_new(what):
@@ -116,6 +119,7 @@ class Expected:
             done = upto
             if what is not None:
                 self._learn(what)
+                self._note_found(what.frame_index)
         return Corrected(
             frame_index=euler.frame_index,
             q_nb=q_nb,
@@ -124,6 +128,7 @@ class Expected:
             applied=applied,
             corrections=tuple(corrections),
             changes=self._changes(applied, corrections),
+            found_at=tuple(self._found_at),
         )
 
     def _changes(self, applied: Int64s, corrections: list[Correction]) -> Int64s | None:
@@ -168,7 +173,8 @@ class Expected:
     def _expect(self) -> None:
         told = self._told
         forward, hover = told.predicted(), told.predicted_view()
-        self._views[FORWARD].expect(tuple(dict.fromkeys((forward, NOTHING))), told.open_causes())
+        may_hold = tuple(dict.fromkeys((forward, NOTHING)))
+        self._views[FORWARD].expect(may_hold, told.open_causes(), told.changeable_causes())
         self._views[HOVER].expect(tuple(dict.fromkeys((hover, forward, NOTHING))), told.open_view)
 
     def _take(
@@ -279,6 +285,8 @@ class Expected:
             if between is not None:
                 step, of = between.step, between.view
                 self._forget(of, step.gives_up, of.keep_between(step, between.t_us))
+            if frame_index is not None:
+                self._note_found(frame_index)
             if count:
                 self._shown.follow(int(view[count - 1]), int(astray_since_us[count - 1]))
                 self._latest.euler = self._latest.euler.then(new[:count][good[start : start + count]])
@@ -287,6 +295,13 @@ class Expected:
             self._done, start = frame_index, start + count
         self._done = max([self._done, *(int(of[-1]) for of in (euler.frame_index, quaternion.frame_index) if len(of))])
         self._latest.euler, self._latest.quaternion = self._latest.euler[-TAIL:], quaternions[-TAIL:]
+
+    def _note_found(self, frame_index: int) -> None:
+        """With a frame another correction may have been told, or found."""
+        found = sum(view.found for view in self._views)
+        if found != self._found:
+            self._found = found
+            self._found_at.append(frame_index)
 
     def _scan(self, parts: list[CleanPairs]) -> list[CorrectionChange | None]:
         """The first change that the pairs of each view make in it."""

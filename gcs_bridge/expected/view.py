@@ -66,7 +66,9 @@ class View:
         self.learnt["lowest_rad"], self.learnt["highest_rad"] = math.inf, -math.inf
         self.expected: tuple[Correction, ...] = (NOTHING,)  # what was told, and what may hold instead of it
         self.open = 0  # causes that may be fitted
+        self.changeable = 0  # causes that were told, and may be fitted where the motion tells them from all else
         self.fit = 0  # which fit it is; the same as long as it is only refined
+        self.found = 0  # how often another correction was told, or found to hold
         self.by_between = False  # it rests on pairs of neighbouring instants
         self.between = BetweenMemory()
         self.recent = self.sparse = NO_CLEAN_PAIRS  # the latest pairs, and one a second
@@ -112,14 +114,15 @@ class View:
         may_be = self.open & AHRS_TRIM and not self.fitted & AHRS_TRIM
         return bool(may_be and self.between.comes and not self.between.denies_trims)
 
-    def expect(self, expected: tuple[Correction, ...], open_causes: int) -> None:
+    def expect(self, expected: tuple[Correction, ...], open_causes: int, changeable: int = 0) -> None:
         """Something was told: what it predicts holds from now on, unless it says nothing new here."""
-        if (expected, open_causes) == (self.expected, self.open):
+        if (expected, open_causes, changeable) == (self.expected, self.open, self.changeable):
             return
-        fit_stands = self.fitted and not self.fitted & ~open_causes and expected[0] == self.expected[0]
+        may_be_fitted = open_causes | changeable
+        fit_stands = self.fitted and not self.fitted & ~may_be_fitted and expected[0] == self.expected[0]
         if not fit_stands and (expected[0] != self.expected[0] or self.fitted):
             self._hold(CorrectionChange(0, expected[0]))
-        self.expected, self.open = expected, open_causes
+        self.expected, self.open, self.changeable = expected, open_causes, changeable
 
     def scan(self, pairs: CleanPairs, told: FirmwareConfig, rival: Correction | None) -> CorrectionChange | None:
         """Find the first of the pairs after which another correction holds; nothing is remembered yet.
@@ -156,14 +159,14 @@ class View:
             at = first(fits & (seen.free | (not self.settled) | self.by_between) & told.allows_view(turn))
             if at is not None:
                 steps.append(CorrectionChange(at, Correction(view_rad=float(turn[at - n])), VTOL_VIEW))
-        if self.open & PITCH_TRIM:
+        if (self.open | self.changeable) & PITCH_TRIM:
             base = self.expected[0]._replace(pitch_rad=0.0)
             turn, fits = turn_about(seen.apart(base), pitch_axis(seen, base), NOISE_RAD)
             pitch = seen.rpy_rad[:, 1]
             moved = np.zeros(len(pitch), np.bool_)
             moved[2:] = np.abs(pitch[2:] - pitch[:-2]) > self._pitch_moves_rad
             told_apart = moved & ~in_a_row(like_mount(seen, turn))
-            allowed = told_apart | (not self.settled and not self.fitted)
+            allowed = told_apart | self.may_begin_with(PITCH_TRIM)
             if self.by_between:
                 allowed |= self._refines(turn, self.correction.pitch_rad)
             at = first(fits & allowed & (np.abs(turn) <= MOST_PITCH_RAD))
@@ -213,6 +216,10 @@ class View:
             refine_us=self.between.refine_us,
         )
 
+    def may_begin_with(self, cause: int) -> bool:
+        """Whether a cause may be fitted though the motion does not tell it from a mistake: nobody told, nor agreed."""
+        return bool(self.open & cause) and not self.settled and not self.fitted
+
     def alternatives(self) -> list[str]:
         """What else the pairs may be, instead of what was fitted to them."""
         if self.fitted & VTOL_VIEW:
@@ -254,6 +261,7 @@ class View:
         if step.correction != self.correction:
             learnt["is_banked"] = False
         self.fit += 1
+        self.found += not step.gives_up
         self.correction, self.fitted, self.by_between = step.correction, step.fitted, step.between
         self.proven, self.switched = step.fitted == AHRS_TRIM or (step.between and proven), False
         learnt["like_mount"] = learnt["like_sign"] = bool(step.fitted & PITCH_TRIM)

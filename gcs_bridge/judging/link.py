@@ -21,9 +21,9 @@ from gcs_bridge.report.verdicts import worst_verdict
 from gcs_bridge.telemetry.census import Census
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
-from gcs_bridge.telemetry.rate_requests import RateRequest, asks, rate_requests
+from gcs_bridge.telemetry.others import Others
 from gcs_bridge.telemetry.roster import Roster
-from gcs_bridge.telemetry.sorting import FrameSorter, Share, SortedFrames
+from gcs_bridge.telemetry.sorting import FrameSorter, SortedFrames
 
 Datagram = tuple[bytes, int]  # with its receive time, µs since 1970
 FrameObserver = Callable[[int | str, Sequence[RawFrame]], None]
@@ -59,6 +59,7 @@ class Link:
         self.census = census
         self._sorter = FrameSorter(judged.dialect, judged.sysid, judged.window_s)
         self._roster = Roster(judged.dialect)
+        self._others = Others(judged.dialect)
         self._vehicles: dict[tuple[int, int], LinkVehicle] = {}
         self._paused_us = -1  # until when the last pause of the receiver was that was told of
         self._due_us = np.empty(0, np.int64)  # of each of them, when time alone may change something
@@ -233,21 +234,17 @@ class Link:
         return notices
 
     def _judge_batch(self, batch: SortedFrames) -> Iterator[Notice]:
-        requests = [one for share in batch.shares if asks(share) for one in self._requests_of(batch, share)]
-        if requests:
-            requests.sort(key=lambda one: one.frame_index)
+        said = self._others.read(batch)
+        if said:
             there = {share.address for share in batch.shares}
             for address, vehicle in self._vehicles.items():
                 if address not in there:
-                    yield from vehicle.ask(requests)
+                    yield from vehicle.hear(said)
         for share in batch.shares:
             vehicle = self._vehicles.get(share.address) or self._new_vehicle(share.address)
-            yield from vehicle.take(batch, share, requests)
+            yield from vehicle.take(batch, share, said)
             self._due_us[vehicle.place] = vehicle.due_us
         yield from self._pass_time(batch.clock)
-
-    def _requests_of(self, batch: SortedFrames, share: Share) -> list[RateRequest]:
-        return rate_requests(batch, share, self._judged.dialect)
 
     def _pass_time(self, clock: LinkClock) -> Iterator[Notice]:
         """Tell of the deadlines that have passed of vehicles of which nothing came."""

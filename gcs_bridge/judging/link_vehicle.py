@@ -25,7 +25,7 @@ from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.messages import KIND
-from gcs_bridge.telemetry.rate_requests import RateRequest
+from gcs_bridge.telemetry.others import OfOthers
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.sorting import Share, SortedFrames
 from gcs_bridge.telemetry.vehicle_presence import Presence
@@ -33,7 +33,7 @@ from gcs_bridge.telemetry.vehicle_presence import Presence
 _NO_FRAMES: Int64s = np.empty(0, np.int64)
 JUDGED_ATTITUDES, JUDGED_FRAMES = 2, 32  # of one stream, and of all: with either a component is judged
 _MOST_OBSERVED = 256  # batches: of who may be a vehicle for longer, the latest alone are shown
-_MOST_WAITING = 128  # requests are kept for it no longer
+_MOST_WAITING = 128  # what others say is kept for it no longer
 _LONGEST_WAIT_S = 12  # behind a frame the longest deadline, see stream_liveness, has passed
 
 
@@ -108,20 +108,20 @@ class LinkVehicle:
         """Its alarms, if it is judged."""
         return None if self._judge is None else self._judge.alarm_manager
 
-    def take(self, batch: SortedFrames, share: Share, requests: Sequence[RateRequest] = ()) -> list[Notice]:
-        """Judge its share of a batch, and what others asked of it meanwhile."""
+    def take(self, batch: SortedFrames, share: Share, said: Sequence[OfOthers] = ()) -> list[Notice]:
+        """Judge its share of a batch, and what others said to it meanwhile."""
         if self._first_frame_index is None:
             self._first_frame_index = int(batch.frame_indices(share)[0])
-        heard, clock, asked = self.reader.read(batch, share), batch.clock, self._of(requests)
+        heard, clock, told_it = self.reader.read(batch, share), batch.clock, self._of(said)
         turns = list(self._turns(heard.frame_index, clock, heard.timed))
         if self._told_from is None:
             self._told_from = self._first_told(heard, batch, share)
         if self._judge is None and self._told_from is None:
-            self._waiting.append(lambda judge: judge.take(heard, heard.frame_index, clock, asked))
+            self._waiting.append(lambda judge: judge.take(heard, heard.frame_index, clock, told_it))
             if heard.segments or self._waits_since_us != NEVER_US:
                 self._waits_since_us, self._waited_s = int(clock.heard_us[-1]), 0
             return self._release(turns)
-        told = self._told(list(self.judge.take(heard, heard.frame_index, clock, asked)))
+        told = self._told(list(self.judge.take(heard, heard.frame_index, clock, told_it)))
         self._show()
         return self._release([*turns, *told])
 
@@ -149,24 +149,24 @@ class LinkVehicle:
         early, self._early = in_order(self._early), None
         return [notice._replace(frame_index=max(notice.frame_index, first)) for notice in early]
 
-    def ask(self, requests: Sequence[RateRequest]) -> list[Notice]:
-        """Others asked for rates, in a batch that brought nothing of this vehicle."""
-        asked = self._of(requests)
-        if not asked:
+    def hear(self, said: Sequence[OfOthers]) -> list[Notice]:
+        """What others said, in a batch that brought nothing of this vehicle."""
+        told_it = self._of(said)
+        if not told_it:
             return []
         if self._judge is not None:
-            return self._release(self._told(list(self._judge.ask(asked))))
+            return self._release(self._told(list(self._judge.hear(told_it))))
         if len(self._waiting) < _MOST_WAITING:
-            self._waiting.append(lambda judge: judge.ask(asked))
+            self._waiting.append(lambda judge: judge.hear(told_it))
         return []
 
-    def _of(self, requests: Sequence[RateRequest]) -> Sequence[RateRequest]:
-        """Those that are meant for it, and came when it was there."""
+    def _of(self, said: Sequence[OfOthers]) -> Sequence[OfOthers]:
+        """What is meant for it, and came when it was there."""
         since = self._first_frame_index
-        if not requests or since is None:
+        if not said or since is None:
             return ()
         address = self.reader.vehicle.address
-        return [one for one in requests if one.is_for(address) and one.by != address and one.frame_index > since]
+        return [one for one in said if one.is_for(address) and one.by != address and one.frame_index > since]
 
     @property
     def due_us(self) -> int:

@@ -1,7 +1,7 @@
-"""What came of a vehicle, or was asked of it, and carries no time: frames, requests for rates, signs of two senders.
+"""What came of a vehicle, or was said to it, and carries no time: frames, requests for rates, signs of two senders.
 
-All are looked at with the messages among which they came. Behind the last one frames and requests are looked at by
-themselves; the signs wait for the next.
+All are looked at with the messages among which they came. Behind the last one frames, and what others said, are looked
+at by themselves; the signs wait for the next.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import numpy as np
 
 from gcs_bridge.telemetry.batches import VehicleBatch
 from gcs_bridge.telemetry.heard import HeardFrames, no_frames
+from gcs_bridge.telemetry.others import OfOthers
+from gcs_bridge.telemetry.radio_flow import Slowdown
 from gcs_bridge.telemetry.rate_requests import RateChange, RateRequest, RateWishes
 from gcs_bridge.telemetry.senders import SenderSign
 from gcs_bridge.telemetry.statements import ParameterSet
@@ -27,7 +29,7 @@ class Untimed:
         """Start with nothing."""
         self._heard = _NO_FRAMES  # of the batch
         self._wishes = RateWishes()
-        self._asked: list[RateRequest] = []
+        self._said: list[OfOthers] = []
         self._signs: list[SenderSign] = []
 
     def bring(self, batch: VehicleBatch) -> None:
@@ -35,10 +37,12 @@ class Untimed:
         self._heard = batch.heard
         self._signs = [*self._signs, *batch.senders][-_MOST_SIGNS:]
 
-    def ask(self, requests: Iterable[RateRequest], parameters: Iterable[ParameterSet]) -> Iterator[RateChange]:
-        """Take which rates were asked for; yield what that changes."""
-        for change in self._wishes.take(requests, parameters):
-            self._asked.append(change.request)
+    def take(self, said: Iterable[OfOthers], parameters: Iterable[ParameterSet]) -> Iterator[RateChange]:
+        """Take what others said, and which parameters came; yield what rates were asked for that way."""
+        said = list(said)
+        self._said += [one for one in said if isinstance(one, Slowdown)]
+        for change in self._wishes.take((one for one in said if isinstance(one, RateRequest)), parameters):
+            self._said.append(change.request)
             yield change
 
     @property
@@ -46,12 +50,12 @@ class Untimed:
         """Whether frames of the batch are left."""
         return len(self._heard) > 0
 
-    def wishes_until(self, frame_index: int) -> list[RateRequest]:
-        """The requests that were not looked at yet, up to a frame."""
-        if not self._asked:
+    def said_until(self, frame_index: int) -> list[OfOthers]:
+        """What others said that was not looked at yet, up to a frame: new rates, and what slows streams."""
+        if not self._said:
             return []
-        told = [one for one in self._asked if one.frame_index <= frame_index]
-        self._asked = [one for one in self._asked if one.frame_index > frame_index]
+        told = [one for one in self._said if one.frame_index <= frame_index]
+        self._said = [one for one in self._said if one.frame_index > frame_index]
         return told
 
     def heard_until(self, frame_index: int | None) -> HeardFrames:

@@ -42,7 +42,7 @@ from gcs_bridge.telemetry.clocks import ClockChange
 from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
-from gcs_bridge.telemetry.rate_requests import RateRequest
+from gcs_bridge.telemetry.others import OfOthers
 from gcs_bridge.telemetry.samples import STREAMS, AttitudeSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 from gcs_bridge.telemetry.stream_counts import StreamCount
@@ -77,18 +77,18 @@ class VehicleJudge:
         self._latest: list[AttitudeSamples | None] = [None, None]  # what came last of both streams
 
     def take(
-        self, batch: VehicleBatch, frame_indices: Int64s, link: LinkClock, requests: Sequence[RateRequest] = ()
+        self, batch: VehicleBatch, frame_indices: Int64s, link: LinkClock, said: Sequence[OfOthers] = ()
     ) -> Iterator[Notice]:
         """Judge what a batch brought in the frames `frame_indices`; yield what happened, each with its frame.
 
-        `requests`: for rates, that others made of this vehicle in the batch.
+        `said`: what others asked of this vehicle, or told it, in the batch.
         """
         for name, t_rx_us in batch.counted.items():
             self._stream(name).add(t_rx_us)
         self._in_force.hear(batch, link)
         for change in batch.clock_changes:
             yield clock_notice(self.vehicle, change)
-        yield from self._hear_wishes(batch, requests)
+        yield from self._hear_others(batch, said)
         self._untimed.bring(batch)
         boots = {segment.boot: segment for segment in batch.segments}
         more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
@@ -130,8 +130,8 @@ class VehicleJudge:
         heard = self._untimed.heard_until(until_frame_index)
         if self._boot is not None and len(heard):
             self.alarm_manager.begin((), link)
-            wishes = self._untimed.wishes_until(int(heard.frame_index[-1]))
-            self._stream_check.hear(heard, wishes, self.alarm_manager.ballot)
+            said = self._untimed.said_until(int(heard.frame_index[-1]))
+            self._stream_check.hear(heard, said, self.alarm_manager.ballot)
             yield from self.alarm_manager.tell(link)
 
     def entry(self, reader: VehicleReader) -> schema.Vehicle:
@@ -190,15 +190,15 @@ class VehicleJudge:
     def _stream(self, name: str) -> StreamCount:
         return self._streams.setdefault(name, StreamCount())
 
-    def ask(self, requests: Sequence[RateRequest]) -> Iterator[Notice]:
-        """Others asked for rates, in a batch that brought nothing of this vehicle."""
-        yield from self._hear_wishes(None, requests)
+    def hear(self, said: Sequence[OfOthers]) -> Iterator[Notice]:
+        """What others said, in a batch that brought nothing of this vehicle."""
+        yield from self._hear_others(None, said)
 
-    def _hear_wishes(self, batch: VehicleBatch | None, requests: Sequence[RateRequest]) -> Iterator[Notice]:
-        """Take which rates were asked for, by whom."""
+    def _hear_others(self, batch: VehicleBatch | None, said: Sequence[OfOthers]) -> Iterator[Notice]:
+        """Take which rates were asked for, by whom, and what slows the streams."""
         told = [] if batch is None else [say for say in batch.statements if isinstance(say, ParameterSet)]
-        if requests or told:
-            for change in self._untimed.ask(requests, told):
+        if said or told:
+            for change in self._untimed.take(said, told):
                 self._stream_check.hear_wish(change)
                 yield rate_notice(self.vehicle, change)
 
@@ -273,11 +273,12 @@ class VehicleJudge:
             fixed_wing=self._in_force.fixed_wing,
             ardupilot=self._in_force.ardupilot,
             may_be_trim=self._in_force.may_be_trim,
+            explained=self._in_force.explained,
             trim_open=self._in_force.trim_open,
             stream_changes=turns,
             line=line,
             heard=heard,
-            wishes=self._untimed.wishes_until(int(heard.frame_index[-1])) if len(heard) else [],
+            said_by_others=self._untimed.said_until(int(heard.frame_index[-1])) if len(heard) else [],
             statements=told,
         )
         for reset in boot.resets.take(flight.steps):

@@ -134,7 +134,8 @@ class Verdicts:
             found = [alarm for alarm in self._alarms.alarms if (alarm.check, alarm.severity) == (check.name, verdict)]
             worst = max(found, key=lambda alarm: alarm.peak)
             count = f"1 {verdict}" if len(found) == 1 else f"{len(found)} {verdict}s"
-            return f"{count}: {worst.what}, up to {worst.peak:.3g}{UNITS.get(worst.unit, f' {worst.unit}')}"
+            up_to = f", up to {worst.peak:.3g}{UNITS.get(worst.unit, f' {worst.unit}')}" if worst.unit else ""
+            return f"{count}: {worst.what}{up_to}"
         if verdict == "inop":
             return check.broken or ""
         if verdict == "no_compare":

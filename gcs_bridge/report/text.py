@@ -22,6 +22,7 @@ __all__ = ["lines"]
 
 _OTHERS = 8  # that the last line names
 _START_UP = "start-up"
+_ASSUMED = "assumed"  # how what is said of units begins
 _COMPARED = ("ATTITUDE", "ATTITUDE_QUATERNION")  # the two sides of euler_quaternion
 
 
@@ -160,7 +161,9 @@ def _findings(check: Check, detail: int) -> str:
     told = check.reason
     if told.startswith(_START_UP):  # it has a row of its own
         told = told.partition("; ")[2] or told
-    reason = [one_line(told)] if told and not quiet else []
+    if quiet:  # what it agrees in is known; what was said beside that is not, but for the units
+        told = "; ".join(one for one in told.split("; ")[1:] if not one.startswith(_ASSUMED))
+    reason = [one_line(told)] if told else []
     return "; ".join([*map(unbroken, said), *reason])
 
 

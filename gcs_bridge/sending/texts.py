@@ -56,6 +56,8 @@ def alarm_text(event: AlarmEvent) -> str:
     """
     if isinstance(event, AlarmCleared):
         return f"{event.check} {event.severity} cleared"[:TEXT_BYTES]
-    said = f"{event.check} {event.severity.upper()}: {event.peak:.3g} {event.unit}".rstrip()
+    said = f"{event.check} {event.severity.upper()}"
+    if event.unit:  # else it only is so, and how much says nothing
+        said += f": {event.peak:.3g} {event.unit.removeprefix('1')}".rstrip()
     axis = f", {event.axis}" if event.axis else ""
     return said + axis if len(said + axis) <= TEXT_BYTES else said[:TEXT_BYTES]

@@ -38,6 +38,7 @@ TRANSFERS = (
     "PARAM_EXT_VALUE",
 )
 REQUESTS = ("REQUEST_DATA_STREAM", "COMMAND_LONG", "COMMAND_INT", "PARAM_SET")  # by which rates are asked for
+RADIOS = ("RADIO_STATUS", "RADIO")  # by which autopilots slow their streams
 USED = (
     *TIMED,
     *(name for name in IMU_MESSAGES if name not in TIMED),
@@ -45,6 +46,7 @@ USED = (
     "LOCAL_POSITION_NED",
     *STATEMENTS,
     *REQUESTS,
+    *RADIOS,
 )
 KIND = {name: kind for kind, name in enumerate(USED)}
 TRANSFER = len(USED)  # the kind of all of TRANSFERS
@@ -53,7 +55,7 @@ KINDS = len(USED) + 2
 UNTIMED = len(TIMED)  # from here on: kinds without a time_boot_ms that keeps the clock
 IMU_KINDS = range(KIND["SCALED_IMU"], KIND["HIGHRES_IMU"] + 1)
 STATEMENT_KINDS = range(KIND[STATEMENTS[0]], KIND[STATEMENTS[-1]] + 1)
-REQUEST_KINDS = range(KIND[REQUESTS[0]], KIND[REQUESTS[-1]] + 1)
+OTHERS_KINDS = range(KIND[REQUESTS[0]], KIND[RADIOS[-1]] + 1)  # what others say that matters to a vehicle
 
 
 @cache

@@ -15,7 +15,7 @@ import numpy as np
 from gcs_bridge.mavlink.decode import decode
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.packer import SET_MESSAGE_INTERVAL
-from gcs_bridge.telemetry.messages import KIND, REQUEST_KINDS, REQUESTS
+from gcs_bridge.telemetry.messages import KIND, REQUESTS
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.telemetry.sorting import Share, SortedFrames
 from gcs_bridge.telemetry.statements import ParameterSet
@@ -74,11 +74,6 @@ def rate_requests(batch: SortedFrames, share: Share, dialect: Dialect) -> list[R
                 target = int(fields["target_system"]), int(fields["target_component"])
                 found.append(RateRequest(frame_index, t_rx_us, target, share.address, *asked))
     return sorted(found, key=lambda one: one.frame_index)
-
-
-def asks(share: Share) -> bool:
-    """Whether there is anything in a component's share by which rates are asked for."""
-    return share.has_any(REQUEST_KINDS)
 
 
 Asked = tuple[str, tuple[int, ...], float | None]

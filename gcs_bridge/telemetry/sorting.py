@@ -12,13 +12,13 @@ from gcs_bridge.jit import helper, kernel
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
 from gcs_bridge.telemetry.link_clock import LinkClock, heard_between, pass_time
-from gcs_bridge.telemetry.messages import KINDS, REQUEST_KINDS, kind_of_id
+from gcs_bridge.telemetry.messages import KINDS, OTHERS_KINDS, kind_of_id
 
 Kinds = npt.NDArray[np.int8]
 _UNWANTED = -1  # the kind of a frame that is nobody's: a duplicate, or of a system that is not judged
 _KEY, _LOST, _HEARD_US, _STARTS = range(4)  # columns of a component's row; from _STARTS on: where its kinds begin
 _COMPONENTS = 65536
-_FIRST_REQUEST, _LAST_REQUEST = REQUEST_KINDS[0], REQUEST_KINDS[-1]
+_FIRST_OF_OTHERS, _LAST_OF_OTHERS = OTHERS_KINDS[0], OTHERS_KINDS[-1]
 LINK = np.dtype(
     [
         ("frames", "i8"),  # so far
@@ -149,9 +149,9 @@ def _sort(
         inside += in_window[row]
         kind[row] = _UNWANTED
         of = kind_of[frame.msgid]
-        # What others ask of the one system is told of it.
-        asks = _FIRST_REQUEST <= of <= _LAST_REQUEST
-        if frame.duplicate or (sysid >= 0 and frame.sysid != sysid and not asks):
+        # What others ask of the one system, and tell it, is told of it.
+        matters = _FIRST_OF_OTHERS <= of <= _LAST_OF_OTHERS
+        if frame.duplicate or (sysid >= 0 and frame.sysid != sysid and not matters):
             continue
         kind[row] = of
         key = _key(frame)

@@ -566,6 +566,74 @@ def test_two_stations_that_undo_each_other_are_named(how: str) -> None:
     assert "254,230 and 255,190 undo each other's rates" in check(vehicle, "stream")["reason"]
 
 
+# --- radios that run out of buffer ---
+
+LOW_S, FULL_S = 30, 60  # a buffer is nearly full from one time to the other
+
+
+def free_at(second: int, low: int) -> int:
+    """How much of the buffer is free, per cent."""
+    return low if LOW_S <= second < FULL_S else 100
+
+
+def radio(
+    seconds: int, low: int, message: Any = mavlink.MAVLink_radio_status_message
+) -> list[tuple[float, list[bytes]]]:
+    """What a SiK radio says each second."""
+    said = [message(190, 190, free_at(s, low), 40, 40, 0, 0) for s in range(seconds)]
+    return [(s + 0.5, [wire.pack(one, seq=s, sysid=51, compid=68)]) for s, one in enumerate(said)]
+
+
+def slowed_by(low: int, seconds: int, hz: float = 20.0) -> Change:
+    """As GCS_MAVLINK::handle_radio_status of ArduPilot lengthens the intervals, from 0.1 s on."""
+    slower_ms, due_ms, ticks = 0, 0.0, set()
+    for tick in range(round(seconds * hz)):
+        ms = round(1000 * tick / hz)
+        if ms % 1000 == 500:
+            free = free_at(ms // 1000, low)
+            if free < 50 and slower_ms < 2000:
+                slower_ms += 60 if free < 20 else 20
+            elif free > 95 and slower_ms > 200:
+                slower_ms -= 40
+            elif free > 90:
+                slower_ms = max(slower_ms - 20, 0)
+        if ms >= due_ms:
+            ticks.add(tick)
+            due_ms = ms + 100 + slower_ms
+    return lambda t_s, state: state if round(t_s * hz) in ticks else None
+
+
+@pytest.mark.parametrize("low", varied(10, 40))
+@pytest.mark.parametrize("message", varied(mavlink.MAVLink_radio_status_message, mavlink.MAVLink_radio_message))
+def test_a_radio_that_runs_out_of_buffer_slows_the_streams(low: int, message: Any) -> None:
+    """Up to 1.9 s a message: no warning, and why; without what the radio says, one of each stream."""
+    told_at = slowed_by(low, 160)
+    records = craft(euler=told_at, quaternion=told_at).records(160)
+    assert [alarm["severity"] for alarm in alarms(one(records)[1])] == ["warning"] * 2
+    for given in ({}, {"sysid": 1}):
+        _, vehicle = one(with_frames(records, *radio(160, low, message)), **given)
+        assert alarms(vehicle) == []
+        assert "a radio, 51,68, ran out of buffer" in check(vehicle, "stream")["reason"]
+
+
+def test_a_stream_that_stops_while_a_radio_slows_it() -> None:
+    """At 50 s messages come 1.3 s apart, and may 1.2 s longer: it is silent after five times the one and the other."""
+    told_at = slowed_by(10, 70)
+    stops = between(50, 70, nothing, told_at)
+    made = craft(euler=told_at, quaternion=stops).records(70)
+    (alarm,) = alarms(one(with_frames(made, *radio(70, 10)))[1])
+    assert alarm["what"] == "ATTITUDE_QUATERNION stopped, while the vehicle is still heard"
+    assert 52 <= alarm["raised_boot_s"] <= 58.5
+
+
+@pytest.mark.parametrize("low", varied(100, 60))
+def test_a_radio_with_room_in_its_buffer_excuses_nothing(low: int) -> None:
+    """The streams come at a fifth of their rate by themselves."""
+    _, vehicle = one(with_frames(at_rates((60.7, 4)), *radio(120, low)))
+    assert [alarm["severity"] for alarm in alarms(vehicle)] == ["warning"] * 2
+    assert "radio" not in check(vehicle, "stream")["reason"]
+
+
 # --- clocks that stand still ---
 
 
