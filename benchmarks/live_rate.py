@@ -36,22 +36,10 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks import live
-from benchmarks.make_recording import (
-    COMPARED,
-    FLIGHT,
-    HEADER_BYTES,
-    STAMP_BYTES,
-    Bytes,
-    Ints,
-    Loop,
-    Record,
-    records,
-)
+from benchmarks.fleet import Excursions, Fleet, Flight, boot_ms
+from benchmarks.make_recording import Ints
 
 VEHICLES = 16
-NEEDED = (*COMPARED, "HEARTBEAT", "AHRS2")  # by the checks
-PER_S = 155.3  # of these, by each vehicle as it was flown
-FLIGHT_S = 41.0
 LEAST_PER_S, MOST_PER_S = 1_000.0, 200_000.0  # of the sender
 LISTENER, SENDER = 0, 1  # processors
 HERE = Path(__file__).parent
@@ -64,58 +52,7 @@ repeat_s = 0.0
 chatter_raises = 1000
 flood_raises = 1000
 """
-BAD_EACH_MS, BAD_MS, BAD_RAD_S = 1000, 300, 0.6  # of the vehicle's time
-ROLLSPEED = HEADER_BYTES + 16  # where it is in an ATTITUDE
 TOLD = ("alarm_raised", "alarm_cleared")
-
-
-class Flight(NamedTuple):
-    """Frames of one or more vehicles in the order in which they are sent, and when each is due, µs."""
-
-    data: Bytes
-    ends: Ints
-    due_us: Ints
-
-
-def flight(vehicles: int, count: float, *, faulty: bool = False) -> Flight:
-    """Vehicles in the air together, one a little behind the other: so many frames of theirs, or some more."""
-    seconds = count / (vehicles * PER_S)
-    parts = [_vehicle(1 + number, int(seconds / FLIGHT_S) + 1, faulty=faulty) for number in range(vehicles)]
-    due_us = np.concatenate([due - due[0] + number * 20_000 // vehicles for number, (_, _, due) in enumerate(parts)])
-    data = np.concatenate([data for data, _, _ in parts])
-    sizes = np.concatenate([sizes for _, sizes, _ in parts])
-    order = np.argsort(due_us, kind="stable")
-    order = order[due_us[order] < seconds * 1e6]
-    starts, sizes = (np.cumsum(sizes) - sizes)[order], sizes[order]
-    ends = np.cumsum(sizes)
-    return Flight(data[np.arange(ends[-1]) + np.repeat(starts - ends + sizes, sizes)], ends, due_us[order])
-
-
-def _vehicle(number: int, copies: int, *, faulty: bool) -> tuple[Bytes, Ints, Ints]:
-    """A vehicle's frames one behind the other, their sizes, and when each is due, µs."""
-    flown = [one for one in records(FLIGHT.read_bytes()) if one.message.msgname in NEEDED and one.frame[5] == 1]
-    loop = Loop([Record(one.t_us, one.frame[:5] + bytes([number]) + one.frame[6:]) for one in flown])
-    out = loop.copies(0, copies)
-    if faulty:
-        attitudes = loop.frames[[one.message.msgname == "ATTITUDE" for one in flown]]
-        for copy in out:
-            places = attitudes[boot_ms(copy, attitudes) % BAD_EACH_MS < BAD_MS] + ROLLSPEED
-            raised = _four(copy, places).view("<f4") + np.float32(BAD_RAD_S)
-            copy[places[:, None] + np.arange(4)] = raised.view(np.uint8)
-        loop.seal(out)
-    sizes = loop.ends - loop.frames
-    stamps = np.stack([out[:, loop.frames - STAMP_BYTES + i] for i in range(STAMP_BYTES)], axis=-1)
-    kept = np.concatenate([np.arange(end - size, end) for end, size in zip(loop.ends, sizes, strict=True)])
-    return out[:, kept].ravel(), np.tile(sizes, copies), stamps.view(">i8").astype(np.int64).ravel()
-
-
-def boot_ms(data: Bytes, frames: Ints) -> Ints:
-    """The time in attitude messages that start at these places."""
-    return _four(data, frames + HEADER_BYTES).view("<u4")[:, 0].astype(np.int64)
-
-
-def _four(data: Bytes, places: Ints) -> Bytes:
-    return data[places[:, None] + np.arange(4)]
 
 
 class Listening:
@@ -229,7 +166,7 @@ class Trial(NamedTuple):
 
 def trial(folder: Path, per_s: float, seconds: float, vehicles: int = VEHICLES) -> Trial:
     """Send at a rate for some seconds, and look at what was left."""
-    frames = flight(vehicles, per_s * seconds)
+    frames = Fleet(vehicles).first(per_s * seconds)
     listening = Listening(folder)
     began_s = listening.cpu_s()
     said, _ = sent(folder, frames, listening.port, per_s)
@@ -276,7 +213,7 @@ def trials(folder: Path, seconds: float, within: float) -> Iterator[Trial]:
 
 def latencies(folder: Path, vehicles: int, per_s: float, seconds: float) -> npt.NDArray[np.float64]:
     """From the datagram that raised an alarm of the body rates, or cleared it, to the line that told it, ms."""
-    frames = flight(vehicles, per_s * seconds, faulty=True)
+    frames = Fleet(vehicles, Excursions(each_ms=1000, lasts_ms=300, vehicles=vehicles)).first(per_s * seconds)
     listening = Listening(folder)
     _, sent_ns = sent(folder, frames, listening.port, per_s)
     time.sleep(1.0)
@@ -296,7 +233,7 @@ def latencies(folder: Path, vehicles: int, per_s: float, seconds: float) -> npt.
 
 def pymavlink_rate(folder: Path, seconds: float) -> float:
     """Messages a second that `recv_match` decodes where more come than it can take."""
-    frames = flight(VEHICLES, 50_000 * seconds)
+    frames = Fleet(VEHICLES).first(50_000 * seconds)
     listening = Listening(folder, peer=True)
     sent(folder, frames, listening.port, 50_000)
     listening.end()

@@ -28,8 +28,17 @@ _MESSAGE = np.dtype(
 _IOVEC = np.dtype([("base", np.uintp), ("len", np.uintp)])
 
 
-def send(data: npt.NDArray[np.uint8], ends: npt.NDArray[np.int64], due_s: npt.NDArray[np.float64], port: int) -> float:
-    """Send all; fills `due_s` with when each was sent, s since 1970. Returns by how much it was late at the worst."""
+def send(
+    data: npt.NDArray[np.uint8],
+    ends: npt.NDArray[np.int64],
+    due_s: npt.NDArray[np.float64],
+    sender: socket.socket,
+    pause_s: float = _PAUSE_S,
+) -> float:
+    """Send all from a connected socket, each when it is due, s since 1970, or up to `pause_s` later.
+
+    Fills `due_s` with when each was sent. Returns by how much it was late at the worst.
+    """
     starts = np.concatenate(([0], ends[:-1]))
     iovecs = np.zeros(len(ends), _IOVEC)
     iovecs["base"], iovecs["len"] = data.ctypes.data + starts, ends - starts
@@ -39,23 +48,27 @@ def send(data: npt.NDArray[np.uint8], ends: npt.NDArray[np.int64], due_s: npt.ND
     sendmmsg = ctypes.CDLL(None, use_errno=True).sendmmsg
     sendmmsg.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int]
     worst_s = 0.0
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        sender.connect(("127.0.0.1", port))
-        due_s += time.time()
-        at = 0
-        while at < len(ends):
-            now_s = time.time()
-            until = min(int(np.searchsorted(due_s, now_s, side="right")), at + AT_ONCE)
-            if until <= at:
-                time.sleep(min(due_s[at] - now_s, _PAUSE_S))
-                continue
-            worst_s = max(worst_s, now_s - due_s[at])
-            done = sendmmsg(sender.fileno(), messages.ctypes.data + _MESSAGE.itemsize * at, until - at, 0)
-            if done < 0:
-                raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
-            due_s[at : at + done] = now_s
-            at += done
+    at = 0
+    while at < len(ends):
+        now_s = time.time()
+        until = min(int(np.searchsorted(due_s, now_s, side="right")), at + AT_ONCE)
+        if until <= at:
+            time.sleep(pause_s if pause_s > _PAUSE_S else min(due_s[at] - now_s, _PAUSE_S))
+            continue
+        worst_s = max(worst_s, now_s - due_s[at])
+        done = sendmmsg(sender.fileno(), messages.ctypes.data + _MESSAGE.itemsize * at, until - at, 0)
+        if done < 0:
+            raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+        due_s[at : at + done] = now_s
+        at += done
     return worst_s
+
+
+def connected(port: int) -> socket.socket:
+    """A socket that sends to a port of this machine."""
+    sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sender.connect(("127.0.0.1", port))
+    return sender
 
 
 def main() -> None:
@@ -70,7 +83,9 @@ def main() -> None:
         os.sched_setaffinity(0, {arguments.cpu})
     with np.load(arguments.frames) as frames:
         data, ends, due_s = frames["data"], frames["ends"], frames["due_us"] / 1e6 / arguments.speed
-    worst_s = send(data, ends, due_s, arguments.port)
+    with connected(arguments.port) as sender:
+        due_s += time.time()
+        worst_s = send(data, ends, due_s, sender)
     if arguments.sent is not None:
         np.save(arguments.sent, np.round(due_s * 1e9).astype(np.int64))
     took_s = float(due_s[-1] - due_s[0])

@@ -101,6 +101,14 @@ class Monitor:
         """Time has come to `t_rx_us` and nothing came, on `link` or on any: tell of the deadlines that have passed."""
         return _plain(self._monitor.advance(t_rx_us, link))
 
+    def set_clock(self, t_rx_us: int) -> None:
+        """The clock that tells receive times was set, forward or back: it is `t_rx_us`, and no time has passed by that.
+
+        Who listens and knows it says so, on all links: else a clock set forward is a silence to `advance`, and one set
+        back hides a silence until it has caught up.
+        """
+        self._monitor.set_clock(t_rx_us)
+
     def acknowledge(self, alarm_id: str, t_rx_us: int) -> list[PlainEvent]:
         """Somebody has seen an alarm; UsageError for one that is not known, or was acknowledged before."""
         return _plain(self._monitor.acknowledge(alarm_id, t_rx_us))

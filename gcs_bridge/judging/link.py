@@ -132,6 +132,10 @@ class Link:
         clock = self._sorter.pass_time(t_rx_us)
         return [] if clock is None else events_of(self._pass_time(clock))
 
+    def set_clock(self, t_rx_us: int) -> None:
+        """The clock of receive times was set to `t_rx_us`."""
+        self._sorter.set_clock(t_rx_us)
+
     def alarm_managers(self) -> Iterator[AlarmManager]:
         """Of its vehicles; what is done with them may change what is due."""
         self._due_us[:] = 0

@@ -162,6 +162,16 @@ class Monitor:
         quiet = self._links.values() if link is None else filter(None, [self._links.get(link)])
         return [event for one in quiet for event in one.advance(t_rx_us)]
 
+    def set_clock(self, t_rx_us: int) -> None:
+        """The clock that tells receive times was set, forward or back: it is `t_rx_us`, and no time has passed by that.
+
+        Who listens and knows it says so, on all links: else a clock set forward is a silence to `advance`, and one set
+        back hides a silence until it has caught up.
+        """
+        refuse_no_time(t_rx_us)
+        for link in self._links.values():
+            link.set_clock(t_rx_us)
+
     def acknowledge(self, alarm_id: str, t_rx_us: int) -> list[Event]:
         """Somebody has seen an alarm; UsageError for one that is not known, or was acknowledged before."""
         return self._answer(alarm_id, lambda manager, frame_index: manager.acknowledge(alarm_id, frame_index, t_rx_us))

@@ -12,7 +12,6 @@ import os
 import socket
 import struct
 import sys
-import time
 from typing import Annotated
 
 import numpy as np
@@ -20,6 +19,7 @@ import numpy.typing as npt
 
 from gcs_bridge.columns import Int64s, Records
 from gcs_bridge.jit import kernel
+from gcs_bridge.links.wall_clock import now_us
 
 __all__ = ["AT_ONCE", "DatagramReader", "address_of"]
 AT_ONCE = 128
@@ -89,9 +89,7 @@ class DatagramReader:
         if fetched < 0:
             number = ctypes.get_errno()
             raise OSError(number, os.strerror(number))  # of EAGAIN Python makes a BlockingIOError
-        dropped = _gather(
-            self._messages, self._control, self._slots, fetched, time.time_ns() // 1000, data, ends, t_rx_us, count
-        )
+        dropped = _gather(self._messages, self._control, self._slots, fetched, now_us(), data, ends, t_rx_us, count)
         self.dropped = max(self.dropped, dropped)
         return count + int(fetched)
 
@@ -106,7 +104,7 @@ def _gather(
     control: Annotated[Records, _CONTROL],
     slots: Annotated[npt.NDArray[np.uint8], 2],
     fetched: int,
-    now_us: int,
+    read_us: int,
     data: npt.NDArray[np.uint8],
     ends: Int64s,
     t_rx_us: Int64s,
@@ -121,9 +119,10 @@ def _gather(
             data[end + j] = slots[i, j]
         end += int(messages[i].len)
         ends[count + i] = end
-        t_rx_us[count + i] = now_us
+        t_rx_us[count + i] = read_us
         if told.time.type == _SO_TIMESTAMPNS:
-            t_rx_us[count + i] = told.time.seconds * 1_000_000 + told.time.nanoseconds // 1000
+            arrived_us = told.time.seconds * 1_000_000 + told.time.nanoseconds // 1000
+            t_rx_us[count + i] = min(arrived_us, read_us)  # later than now: the clock was set back since
         if told.drops.type == _SO_RXQ_OVFL:
             dropped = int(told.drops.count)
         # The system writes over how much room it has, and writes nothing where it has nothing to tell.

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import socket
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ClassVar
 
@@ -20,8 +19,9 @@ from gcs_bridge.chunks import Chunk, Chunks, Framing
 from gcs_bridge.links.datagrams import AT_ONCE, DatagramReader, address_of
 from gcs_bridge.links.reopening import Reopening
 from gcs_bridge.links.senders import Senders
+from gcs_bridge.links.wall_clock import now_us
 
-__all__ = ["DatagramLink", "Link", "LinkDownError", "MulticastLink", "SpeakingLink", "now_us"]
+__all__ = ["DatagramLink", "Link", "LinkDownError", "MulticastLink", "SpeakingLink"]
 _LARGEST = 65_536  # a datagram
 # Bounds what one drain takes, so that a flood cannot keep the loop from the clock, and from other links.
 BATCH_BYTES, _BATCH_CHUNKS = 2**20, 4096
@@ -320,8 +320,3 @@ def _local_address(towards: tuple[Any, ...]) -> str:
         probe.connect(towards)  # sends nothing
         address: str = probe.getsockname()[0]
         return address
-
-
-def now_us() -> int:
-    """The wall clock, µs since 1970."""
-    return time.time_ns() // 1000

@@ -17,8 +17,9 @@ from gcs_bridge.chunks import Framing
 from gcs_bridge.contract import readable
 from gcs_bridge.events import Damage, Event, LinkDown, LinkUp, utc
 from gcs_bridge.judging.monitor import Monitor
-from gcs_bridge.links.link import Link, LinkDownError, now_us
+from gcs_bridge.links.link import Link, LinkDownError
 from gcs_bridge.links.reopening import FIRST_DELAY_S, longer
+from gcs_bridge.links.wall_clock import WallClock, now_us
 
 __all__ = ["Errand", "Stop", "listen"]
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
@@ -92,10 +93,12 @@ def listen(
 
     A batch is what has arrived: one burst where the link is quiet, more where this machine falls behind. Link number n
     is the monitor's link n; in an event of the link itself, `link` is its name. A link that has gone is waited for, and
-    `note` is told in a line why it does not return. All links are closed in the end.
+    `note` is told in a line why it does not return, and that this machine's clock was set. All links are closed in the
+    end.
     """
     ends_s = math.inf if duration_s is None else time.monotonic() + duration_s
     listened = [_Listened(number, link, monitor, tell, note) for number, link in enumerate(links)]
+    clock = WallClock()
     try:
         for one in listened:
             one.say(LinkUp)
@@ -110,6 +113,9 @@ def listen(
             gather_s = min(max(_GATHER_S, 2 * judged_s), _LONGEST_S)
             time.sleep(max(came_s + gather_s - time.monotonic(), 0))
             taken_s = time.monotonic()
+            if step_us := clock.step_us():
+                monitor.set_clock(now_us())
+                note(_clock_was_set(step_us / 1e6))
             heard = [one for one in listened if one.take()]
             judged_s = time.monotonic() - taken_s
             for errand in errands:
@@ -123,6 +129,11 @@ def listen(
     finally:
         for link in links:
             link.close()
+
+
+def _clock_was_set(step_s: float) -> str:
+    way = "back" if step_s < 0 else "forward, or it slept,"
+    return f"this machine's clock was set {way} by {abs(step_s):.1f} s: receive times follow it"
 
 
 def _wait(links: Sequence[Link], seconds: float, beside: Sequence[int]) -> None:

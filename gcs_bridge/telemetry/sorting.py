@@ -233,6 +233,11 @@ class FrameSorter:
         self._link["latest_rx_us"] = t_rx_us
         return LinkClock(np.array([self.frames]), np.array([t_rx_us]), self._link["heard_us"].copy())
 
+    def set_clock(self, t_rx_us: int) -> None:
+        """Receive times go on from `t_rx_us`, and no time has passed by that."""
+        if self.latest_rx_us >= 0:
+            self._link["latest_rx_us"] = t_rx_us
+
     def sort(self, buffer: Bytes, frames: Frames) -> SortedFrames:
         """Take the next frames (n,), n ≥ 1, found in `buffer`."""
         n = len(frames)

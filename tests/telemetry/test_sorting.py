@@ -114,6 +114,22 @@ def test_the_links_time_does_not_run_back_unless_its_clock_is_set(cut: bool) -> 
     assert (sorter.inside, sorter.start_us, sorter.latest_rx_us) == (4, START_US, START_US + 9 * S)
 
 
+@pytest.mark.parametrize("step_s", [3600, -3600, -2])
+def test_a_clock_that_is_known_to_be_set_passes_no_time(step_s: int) -> None:
+    """The link's time goes on from where the clock is; in what was heard of it nothing is missing or added."""
+    sorter = FrameSorter(load_dialect())
+    sorter.set_clock(START_US - 99 * S)  # before the first frame nobody knows a time
+    assert sorter.latest_rx_us == -1
+    (before_us,) = sorter.sort(NO_BYTES, frames_of([(1, 1, "ATTITUDE")], [START_US])).clock.heard_us.tolist()
+    at_us = START_US + step_s * S
+    sorter.set_clock(at_us)
+    (after_us,) = sorter.sort(NO_BYTES, frames_of([(1, 1, "ATTITUDE")], [at_us])).clock.heard_us.tolist()
+    assert after_us == before_us
+    clock = sorter.pass_time(at_us + S)
+    assert clock is not None
+    assert (clock.latest_rx_us.tolist(), clock.heard_us.tolist()) == ([at_us + S], [before_us + S])
+
+
 def test_time_that_passes_without_a_frame_belongs_to_the_next() -> None:
     """The clock of a silent link has the index of the frame to come; time that is no later is no news."""
     sorter = FrameSorter(load_dialect())
