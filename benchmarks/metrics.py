@@ -59,11 +59,12 @@ def listen_timed() -> None:
     sys.exit(code)
 
 
-def scrape(port: int) -> int:
-    """One; how many bytes were sent."""
+def scrape(port: int) -> bytes:
+    """One."""
     request = urllib.request.Request(f"http://127.0.0.1:{port}/metrics", headers=HEADERS)
     with urllib.request.urlopen(request, timeout=10) as answer:
-        return len(answer.read())
+        text: bytes = answer.read()
+        return text
 
 
 def main() -> None:
@@ -82,7 +83,7 @@ def main() -> None:
         time.sleep(6)
         began_s, began_cpu_s = time.monotonic(), live.cpu_s(process.pid)
         for _ in range(SCRAPES):
-            size = scrape(port)
+            text = scrape(port)
             time.sleep(EVERY_S)
         lasted_s, all_s = time.monotonic() - began_s, live.cpu_s(process.pid) - began_cpu_s
         flight.join()
@@ -94,7 +95,7 @@ def main() -> None:
     sys.stdout.write(
         f"{live_rate.VEHICLES} vehicles, {per_s:,.0f} messages/s, a scrape each {EVERY_S:g} s: "
         f"{all_s / lasted_s:.1%} of a processor\n"
-        f"a scrape, {size:,} bytes: {cost_ms:.1f} ms "
+        f"a scrape, {text.count(b'{'):,} series: {cost_ms:.1f} ms "
         f"({', '.join(f'{name} {spent_ms:.1f}' for name, spent_ms in each_ms.items())})\n"
         f"each {PROMETHEUS_S:g} s: {cost_ms / PROMETHEUS_S / 10:.2f} % of a processor\n"
     )

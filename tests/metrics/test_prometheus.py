@@ -194,6 +194,12 @@ def test_prometheus_reads_the_bridge(tmp_path: Path) -> None:
                 assert prometheus.query(f"resets({family.full_name}[5m]) > 0") == []
         unanswered = {title for title, query in targets() if not prometheus.query(filled(query))}
         assert unanswered <= {"Frames lost", "annotations"}
+        shown = {
+            one["metric"]["check"]: one["value"][1]
+            for one in prometheus.query(filled(dict(targets())["Checks over time"]))
+        }
+        assert shown["euler_quaternion"] == "6"  # which the panel writes as ALARM
+        assert shown["quaternion_norm"] == "0"
         for query in page_queries():
             prometheus.query(query)
         for variable in DASHBOARD["templating"]["list"][1:]:

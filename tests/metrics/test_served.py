@@ -123,6 +123,7 @@ def test_the_loop_alone_looks_and_only_when_asked(loop: Loop, monkeypatch: pytes
 
 def test_a_loop_that_does_not_come_round_is_no_healthy_one(loop: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
     """What was known before is not told as if it were now: the scrape fails, until the loop goes on."""
+    assert scraped(loop.server.url).one("link_up") == 1
     monkeypatch.setattr(published, "_YOUNG_S", 0.0)
     monkeypatch.setattr(published, "_PATIENCE_S", 0.05)
     loop.held.set()
