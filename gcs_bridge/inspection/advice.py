@@ -176,7 +176,7 @@ def _missing(heard: Heard, vehicles: Sequence[Vehicle], _: Sequence[Station]) ->
         command = f"gcs-bridge listen {heard.typed} --request-rates {_RATE_HZ}" if heard.is_live else first.command
         to_type = f"type '{first.command}' in {first.where}"
         if heard.is_live:
-            to_type = "the command asks the vehicle for it, and so TRANSMITS"
+            to_type = "the command asks the vehicle, and so TRANSMITS"
         lasting = lasting_request(names, vehicle.autopilot)
         mend = f"; {to_type}" + ("" if lasting is None else f"; for good: {lasting}")
         if vehicle.messages.keys() <= _BESIDE_HEARTBEATS:

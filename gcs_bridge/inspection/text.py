@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from gcs_bridge.errors import one_line
 from gcs_bridge.inspection.schema import (
     Advice,
     Ask,
@@ -38,14 +39,21 @@ def to_text(found: Examination, *, detail: int = 0) -> str:
 
 
 def _link(link: LinkFound, found: Examination, detail: int) -> Iterator[str]:
-    yield f"{link.name}  ({_amount(link)})"
-    if link.bad_crc or link.skipped_bytes or link.unverified:
-        said = [
-            f"{counted(link.bad_crc, 'frame')} with a bad checksum",
-            f"{counted(link.skipped_bytes, 'byte')} skipped",
-            f"{counted(link.unverified, 'frame')} of unknown kind",
-        ]
-        yield from labelled("damage", ", ".join(map(unbroken, said)), indent=2)
+    yield f"{one_line(link.name)}  ({_amount(link)})"
+    said = [
+        f"{counted(count, noun)} {what}"
+        for count, noun, what in (
+            (link.bad_crc, "frame", "with a bad checksum"),
+            (link.skipped_bytes, "byte", "skipped"),
+            (link.unverified, "frame", "of unknown kind"),
+            (link.duplicates, "frame", "that had come before"),
+        )
+        if count
+    ]
+    if said:
+        yield from labelled(
+            "damage" if link.bad_crc or link.skipped_bytes else "data", ", ".join(map(unbroken, said)), indent=2
+        )
     for vehicle in found.vehicles:
         if vehicle.link == link.name:
             yield from _vehicle(vehicle)
@@ -131,7 +139,7 @@ def _conclusion(link: LinkFound, found: Examination) -> Iterator[str]:
     codes = f"to know: {codes}" if worst and link.finding == "good" else codes
     lost = [one.loss.share for one in flying if one.loss.share is not None]
     loss = f", {in_percent(max(lost))} lost" if lost and max(lost) >= 0.001 else ""
-    yield f"{_FINDINGS[link.finding]:<10}  {link.name}: {counted(len(flying), 'vehicle')}{loss}: {codes}"
+    yield f"{_FINDINGS[link.finding]:<10}  {one_line(link.name)}: {counted(len(flying), 'vehicle')}{loss}: {codes}"
     if link.finding == "unusable":
         yield from (f"            {one.text}" for one in worst)
     for command in dict.fromkeys(one.command for one in worst if one.command):

@@ -1,8 +1,12 @@
 """The doctor on live links of each kind, with somebody, nobody or noise at the other end."""
 
 import contextlib
+import errno
+import json
 import os
 import random
+import re
+import signal
 import socket
 import sys
 from collections import Counter
@@ -10,14 +14,19 @@ from collections.abc import Callable, Iterator, Sequence
 
 import pytest
 
-from gcs_bridge.inspection.examine import examine
+import gcs_bridge.links.open as opening
+from gcs_bridge.inspection.examine import EXIT_CODES, examine
 from gcs_bridge.inspection.listening import listen_to
+from gcs_bridge.inspection.machine import machine
 from gcs_bridge.inspection.schema import Advice, Examination, Station, Vehicle
+from gcs_bridge.links.port_owner import port_owner
+from gcs_bridge.links.stream_links import SerialLink
 from gcs_bridge.links.uri import NetworkUri, SerialUri, Uri
 from gcs_bridge.settings import load_settings
 from tests.helpers.examined import examined, said
-from tests.helpers.live_links import Process, fixture, free_port, terminals
+from tests.helpers.live_links import Process, fixture, free_port, terminals, wait_until
 from tests.helpers.multicast import GROUP, Group, multicast_works
+from tests.helpers.paths import ROOT
 
 FLIGHT = fixture("a_copter_square", to_s=3.0)[:150]
 NAMES = {0: "HEARTBEAT", 30: "ATTITUDE", 31: "ATTITUDE_QUATERNION", 27: "RAW_IMU"}
@@ -202,15 +211,80 @@ def test_the_command_listens_and_ends() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="whether it listens is told by /proc")
 def test_an_interrupt_ends_it_with_what_came() -> None:
-    """Ctrl-C is no mistake: what was heard until then is told."""
-    import signal
-
+    """Ctrl-C is no mistake: what was heard until then is told, whole."""
     port = free_port()
-    with Process("doctor", f"udpin:127.0.0.1:{port}", "--duration", "60", "--format", "json") as process:
+    with Process("doctor", f"udpin:127.0.0.1:{port}", "--duration", "600", "--format", "json") as process:
+        wait_until(lambda: port_owner(port, "udp") is not None, 60.0)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            for frame in fixture("a_copter_square", to_s=4.0):
+            for frame in FLIGHT:
                 sender.sendto(frame.data, ("127.0.0.1", port))
         process.signal(signal.SIGINT)
         code, _ = process.ended()
-    assert code in (0, 3, 130)
+        told = json.loads("".join(process.said))
+    assert code == EXIT_CODES[told["finding"]]
+
+
+# --- codes ----------------------------------------------------------------------------------------------------------
+
+
+def test_every_code_is_on_the_page() -> None:
+    """Programs and people look for them there; none is there that is gone."""
+    sources = [ROOT / "gcs_bridge" / name for name in ("inspection/advice.py", "links/open.py")]
+    code = "".join(path.read_text(encoding="utf-8") for path in sources)
+    codes = set(re.findall(r'(?:_Reason\(|_of\(\s*\w+,\s*|"code", )"(\w+)"', code))
+    page = (ROOT / "docs" / "field.md").read_text(encoding="utf-8").split("## What is on a link")[1].split("\n## ")[0]
+    named = {
+        name for row in re.findall(r"^\| \d \| (.*) \|$", page, re.MULTILINE) for name in re.findall(r"`(\w+)`", row)
+    }
+    assert len(codes) > 30
+    assert named == codes
+
+
+def refused(monkeypatch: pytest.MonkeyPatch, number: int) -> list[Advice]:
+    """What is said of a device that the system refuses so."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setitem(opening.OPENERS, "serial", (SerialLink, refuse))
+    return list(listened([SerialUri("/dev/ttyNONE0", 57600)], lambda: None).advice)
+
+
+def test_a_device_of_another_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command that joins it."""
+    (one,) = refused(monkeypatch, errno.EACCES)
+    assert (one.code, one.command) == ("not_in_group", "sudo usermod -aG dialout $USER")
+
+
+@pytest.mark.parametrize(
+    ("runs", "code", "command"),
+    [
+        (True, "held_by_modem_manager", "sudo systemctl stop ModemManager"),
+        (False, "device_held", "sudo fuser -v /dev/ttyNONE0"),
+    ],
+)
+def test_a_device_that_somebody_holds(runs: bool, code: str, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By ModemManager, which is ended otherwise than others."""
+    monkeypatch.setattr(opening, "device_owner", lambda _: None)
+    monkeypatch.setattr(opening, "is_running", lambda _: runs)
+    (one,) = refused(monkeypatch, errno.EBUSY)
+    assert (one.code, one.command) == (code, command)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="groups are Linux's matter")
+def test_a_user_who_may_not_use_serial_devices(monkeypatch: pytest.MonkeyPatch) -> None:
+    """This machine's part says which group to join; who is in it is in order."""
+    import grp
+
+    group = grp.getgrgid(0)
+    monkeypatch.setattr(opening, "serial_devices", lambda: ["/dev/ttyNONE0"])
+    monkeypatch.setattr(opening, "device_group", lambda _: group.gr_name)
+    monkeypatch.setattr(os, "geteuid", lambda: 4711)
+    monkeypatch.setattr(os, "getegid", lambda: 4711)
+    monkeypatch.setattr(os, "getgroups", lambda: [4711])
+    part = machine()["groups"]
+    assert (part.state, part.command) == ("mend", f"sudo usermod -aG {group.gr_name} $USER")
+    monkeypatch.setattr(os, "getgroups", lambda: [4711, group.gr_gid])
+    assert machine()["groups"].state == "good"
