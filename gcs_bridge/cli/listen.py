@@ -78,7 +78,8 @@ def listen(
 
     \b
     Exit codes: 0 ended as asked, whatever was raised, 2 usage or configuration, or a file
-    that could not be written to its end, 3 a link that cannot be opened at the start.
+    that could not be written to its end, 3 a link, or the port of --metrics, that cannot be
+    opened at the start.
     """
     from gcs_bridge.links.uri import parse_uri
     from gcs_bridge.sending.asked import Asked

@@ -46,13 +46,13 @@ class Looked:
 
 
 class Loop:
-    """A server, and a thread that comes round for it as the live loop does, as long as it is not `held`."""
+    """A server, and a thread that comes round for it as the live loop does; whoever holds `round` holds it up."""
 
     def __init__(self) -> None:
         self.looked = Looked()
         self.server = MetricsServer(0, [LINK])
         self.server.follow(self.looked)
-        self.held = threading.Event()
+        self.round = threading.Lock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -60,7 +60,7 @@ class Loop:
 
     def _run(self) -> None:
         while not self._stop.wait(0.005):
-            if not self.held.is_set():
+            with self.round:
                 for t_us, data in [one for _, one in zip(range(5), self._records, strict=False)]:
                     self.looked.monitor.feed_datagrams([(data, t_us)], 0)
                 self.server.run()
@@ -76,14 +76,15 @@ class Loop:
 
 
 @pytest.fixture
-def loop() -> Iterator[Loop]:
+def loop(monkeypatch: pytest.MonkeyPatch) -> Iterator[Loop]:
+    monkeypatch.setattr(published, "_PATIENCE_S", 30.0)  # on a busy machine too
     one = Loop()
     yield one
     one.close()
 
 
 def opened(url: str, **headers: str) -> HTTPResponse:
-    response = urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=10)
+    response = urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=60)
     assert isinstance(response, HTTPResponse)
     return response
 
@@ -98,7 +99,6 @@ def scraped(url: str) -> Scraped:
 
 def test_a_scrape(loop: Loop) -> None:
     """Prometheus's text, with this process beside it; OpenMetrics for who asks."""
-    wait_until(lambda: scraped(loop.server.url).one("frames_total", vehicle="others") == 0)
     with opened(loop.server.url) as plain:
         assert plain.headers["Content-Type"].startswith("text/plain; version=")
         seen = Scraped(plain.read().decode())
@@ -125,15 +125,13 @@ def test_a_loop_that_does_not_come_round_is_no_healthy_one(loop: Loop, monkeypat
     """What was known before is not told as if it were now: the scrape fails, until the loop goes on."""
     assert scraped(loop.server.url).one("link_up") == 1
     monkeypatch.setattr(published, "_YOUNG_S", 0.0)
-    monkeypatch.setattr(published, "_PATIENCE_S", 0.05)
-    loop.held.set()
-    with pytest.raises(urllib.error.HTTPError) as refused:
-        opened(loop.server.url)
-    assert refused.value.code == 503
-    assert b"nothing is known right now" in refused.value.read()
-    refused.value.close()
-    monkeypatch.setattr(published, "_PATIENCE_S", 5.0)
-    loop.held.clear()
+    with loop.round, monkeypatch.context() as impatient:
+        impatient.setattr(published, "_PATIENCE_S", 0.05)
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            opened(loop.server.url)
+        assert refused.value.code == 503
+        assert b"nothing is known right now" in refused.value.read()
+        refused.value.close()
     assert scraped(loop.server.url).one("link_up") == 1
 
 
@@ -167,7 +165,7 @@ def test_who_says_nothing_or_goes_holds_nobody_up(loop: Loop, capfd: pytest.Capt
             noise.recv(10)
         assert scraped(loop.server.url).one("link_up") == 1
         with pytest.raises(urllib.error.HTTPError) as refused:
-            urllib.request.urlopen(loop.server.url, data=b"x", timeout=10)
+            urllib.request.urlopen(loop.server.url, data=b"x", timeout=60)
         assert refused.value.code == 405
         refused.value.close()
     assert capfd.readouterr() == ("", "")
@@ -240,7 +238,7 @@ def test_listen_serves_what_it_judges() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender, contextlib.suppress(ConnectionError):
             paced(frames, lambda data: sender.sendto(data, ("127.0.0.1", link_port)), 12)
         process.wait_for("ALARM")
-        wait_until(lambda: scraped(url).state("euler_quaternion") == "alarm")
+        wait_until(lambda: scraped(url).state("euler_quaternion") == "alarm", 20)
         seen = scraped(url)
         process.signal(signal.SIGTERM)
         code, said = process.ended()
