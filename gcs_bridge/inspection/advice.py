@@ -35,9 +35,8 @@ def refusal(refused: Refused) -> Advice:
 
 
 def advice(heard: Heard, vehicles: Sequence[Vehicle], stations: Sequence[Station]) -> list[Advice]:
-    """All that is to be said of a link, what matters most first."""
-    told = [one for rule in _RULES for one in rule(heard, vehicles, stations)]
-    return sorted(told, key=lambda one: LEVELS.index(one.level))
+    """All that is to be said of a link."""
+    return [one for rule in _RULES for one in rule(heard, vehicles, stations)]
 
 
 def _of(
