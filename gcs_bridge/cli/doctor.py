@@ -70,6 +70,7 @@ def doctor(
 
     from gcs_bridge.files import write_stdout
     from gcs_bridge.inspection.examine import EXIT_CODES, examine
+    from gcs_bridge.inspection.heard import RECORDING, Refused
     from gcs_bridge.inspection.text import to_text
     from gcs_bridge.judging.monitor import open_dialect
 
@@ -78,10 +79,13 @@ def doctor(
         *_read(files, settings, dialect, quiet=quiet),
         *_listened(uris, settings, dialect, duration_s, quiet=quiet),
     ]
+    failures = [one.error for one in found if isinstance(one, Refused) and one.kind == RECORDING]
+    for failure in failures:
+        complain(str(failure))
     examination = examine(found)
     if form == "json":
         write_stdout(examination.to_json())
-    else:
+    elif not failures or len(failures) < len(found):
         text = to_text(examination, detail=verbose - quiet)
         if wants_colour(no_color=no_color):
             print_coloured(text, _STYLES)

@@ -35,9 +35,8 @@ def refusal(refused: Refused) -> Advice:
 
 
 def advice(heard: Heard, vehicles: Sequence[Vehicle], stations: Sequence[Station]) -> list[Advice]:
-    """All that is to be said of a link, what matters most first."""
-    told = [one for rule in _RULES for one in rule(heard, vehicles, stations)]
-    return sorted(told, key=lambda one: LEVELS.index(one.level))
+    """All that is to be said of a link."""
+    return [one for rule in _RULES for one in rule(heard, vehicles, stations)]
 
 
 def _of(
@@ -56,7 +55,6 @@ def _of(
 
 _SILENT = {
     "udpin": "let the vehicle, or a router, send to this port; a firewall may keep it back",
-    "udpout": "whoever is there does not answer",
     "tcp": "the other side took the connection, and says nothing: some wait until a ground station speaks",
     "tcpin": "nobody connected here, or who did says nothing",
     "mcast": "nobody sends to this group, or another network interface does",
@@ -68,7 +66,7 @@ def _no_bytes(heard: Heard, _: Sequence[Vehicle], __: Sequence[Station]) -> Iter
     if not heard.entry.bytes:
         port = heard.name.rpartition(":")[2]
         command = f"sudo tcpdump -ni any udp port {port}" if heard.kind in ("udpin", "mcast") else None
-        text = f"no byte came in {in_seconds(heard.seconds)}: {_SILENT.get(heard.kind, 'nothing sends here')}"
+        text = f"no byte came in {in_seconds(heard.seconds)}: {_SILENT[heard.kind]}"
         yield _of(heard, "no_bytes", "unusable", text, command)
 
 
@@ -76,8 +74,7 @@ def _no_frames(heard: Heard, _: Sequence[Vehicle], __: Sequence[Station]) -> Ite
     if heard.entry.bytes and not heard.entry.salvage.frames:
         if heard.kind == SERIAL:
             other = 57600 if heard.baud != 57600 else 115200
-            device = heard.name.partition(",")[0]
-            command = f"gcs-bridge doctor {device} --baud {other}"
+            command = f"gcs-bridge doctor {heard.name} --baud {other}"
             yield _of(heard, "wrong_baud", "unusable", heard.unreadable, command)
         else:
             yield _of(heard, "no_frames", "unusable", heard.unreadable)

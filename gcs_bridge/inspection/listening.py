@@ -13,7 +13,7 @@ from gcs_bridge.errors import SourceError
 from gcs_bridge.events import Event
 from gcs_bridge.inspection.heard import RECORDING, STREAM, Heard, Refused
 from gcs_bridge.judging.monitor import Monitor
-from gcs_bridge.links.link import DatagramLink, Link, now_us
+from gcs_bridge.links.link import DatagramLink, Link
 from gcs_bridge.links.loop import listen
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.uri import SerialUri, Uri
@@ -76,7 +76,6 @@ def listen_to(
         if opened:
             listen(opened, monitor, told.extend, stop=stop, duration_s=duration_s, note=note)
         seconds = time.monotonic() - since_s
-        monitor.advance(now_us())
     finally:
         for link in opened:
             link.close()

@@ -285,6 +285,14 @@ def test_a_file_that_cannot_be_used(content: bytes | None, words: str, tmp_path:
     assert [one["finding"] for one in found.told["links"]] == ["unusable", "good"]
 
 
+def test_one_file_that_cannot_be_used(tmp_path: Path) -> None:
+    """One line on standard error, as of every command, and no report of nothing; a program gets its JSON."""
+    code, out, err = said(tmp_path / "missing.tlog")
+    assert (code, out) == (3, "")
+    assert re.fullmatch(r"gcs-bridge: error: .*missing.tlog: cannot be read: no such file.*\n", err)
+    assert examined(tmp_path / "missing.tlog").codes == ["no_recording"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -42,6 +42,15 @@ def test_a_restart_is_of_one_link() -> None:
     assert not numbered([*range(300), *range(700), *range(90), *range(500)]).is_of_several
 
 
+def test_outages_are_of_one_link() -> None:
+    """A hundred times nothing comes for a while: each fourth or so leads back to numbers that came just before."""
+    dice, seq, seqs = random.Random(5), 0, []
+    for _ in range(100):
+        seqs += range(seq, seq + 80)
+        seq += 80 + dice.randrange(20, 5000)
+    assert not numbered(seqs).is_of_several
+
+
 @pytest.mark.parametrize("cut", [10_000, 7, 1])
 @pytest.mark.parametrize("burst", [1, 5, 40])
 def test_two_links_that_are_merged(burst: int, cut: int) -> None:
