@@ -60,6 +60,8 @@ class SigningWatch:
             if bare == self._bare:
                 return _NOTHING
             outcomes = np.zeros(len(scanner.all_frames), np.int8)
+        elif (outcomes == Outcome.HOLDS).all():
+            return _NOTHING
         return list(self._look(scanner.all_frames, outcomes, first))
 
     def _look(self, frames: Frames, outcomes: Outcomes, first: int) -> Iterator[Notice]:

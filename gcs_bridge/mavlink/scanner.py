@@ -235,6 +235,8 @@ class Scanner:
         frames, holds = self.all_frames, outcomes == Outcome.HOLDS
         row_of_id, _, _, stamped = self._tables
         admit_kernel(self.buffer, holds, row_of_id, stamped, self._counts, self._components, frames)
+        if holds.all():
+            return 0
         refused = int(frames["verified"][~holds].sum())
         frames["verified"][~holds] = 0
         counts.refused += refused

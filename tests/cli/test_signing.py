@@ -151,3 +151,26 @@ def test_the_key_is_nowhere_afterwards(tmp_path: Path, capsys: pytest.CaptureFix
             assert shown not in content, path
         if path.name == "frames.parquet":
             assert {row["sysid"] for row in pq.read_table(path).to_pylist()} == {1}  # all else of 255 was a key
+
+
+@pytest.mark.slow
+def test_evidence_tells_what_was_judged_from_what_was_refused(tmp_path: Path) -> None:
+    """Frames that were refused lie among the others, without a number: those of the alarm's table are of what holds."""
+    flown = wire.flight(wire.Motion(8, seed=3), 8, euler_hz=10.0, quaternion_hz=10.0)
+    records = []
+    for i, (t_us, frame) in enumerate(flown):
+        ms = (t_us - wire.START_US) // 1000 + 10_000
+        if frame[7] == mavlink.MAVLINK_MSG_ID_ATTITUDE:
+            frame = wire.attitude(ms, (0, 0, 2), seq=frame[4])
+            records.append((t_us + 1, wire.attitude(ms, (1, 0, 0), seq=frame[4] + 1)))
+        records.append((t_us, wire.signed(frame, KEY, time=35_000_000_000_000 + i)))
+    (tmp_path / "flight.tlog").write_bytes(wire.tlog(sorted(records)))
+    options = ["--signing-key-file", key_file(tmp_path), "--unsigned", "reject", "--evidence", tmp_path / "evidence"]
+    assert main([*map(str, ["check", "-q", tmp_path / "flight.tlog", *options])]) == 1
+    found = sorted((tmp_path / "evidence").rglob("frames.parquet"))
+    holds = [frame for _, frame in sorted(records) if frame[2] == 1]
+    for path in found:
+        rows = pq.read_table(path).to_pylist()
+        assert {row["bytes"][2] for row in rows if row["frame"] is None} == {0}
+        assert all(row["bytes"] == holds[row["frame"]] for row in rows if row["frame"] is not None)
+    assert found
