@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from gcs_bridge.cli.live_sinks import LIVE_SINKS, plan_sinks
-from gcs_bridge.cli.terminal import complain, wants_colour
+from gcs_bridge.cli.terminal import complain
 from gcs_bridge.contract import readable
 from gcs_bridge.errors import UsageError
 from gcs_bridge.sinks.base import Sink, SinkContext, Sinks
@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # loaded when there is something to run
     from gcs_bridge.links.link import Link
     from gcs_bridge.links.loop import Stop
     from gcs_bridge.report import Report
+    from gcs_bridge.screen.view import View
     from gcs_bridge.sending.asked import Asked
     from gcs_bridge.sending.station import Station
     from gcs_bridge.settings import Settings
@@ -45,6 +46,8 @@ class LiveOptions:
     quiet: bool
     verbose: bool
     no_color: bool
+    plain: bool
+    bell: bool
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> LiveOptions:
@@ -72,7 +75,9 @@ def live_options(command: _Command) -> _Command:
             click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]"),
             click.option("-q", "--quiet", is_flag=True, help="Only alarms."),
             click.option("-v", "--verbose", is_flag=True, help="Pending alarms too, and the whole report at the end."),
-            click.option("--no-color", is_flag=True, help="Plain text; so does the variable NO_COLOR."),
+            click.option("--plain", is_flag=True, help="Lines, where a terminal would show the full-screen view."),
+            click.option("--bell", is_flag=True, help="Ring the terminal's bell for alarms."),
+            click.option("--no-color", is_flag=True, help="No colours; so does the variable NO_COLOR."),
         )
     ):
         command = option(command)
@@ -150,9 +155,11 @@ class LiveRun:
             links.append(open_link())
             stack.callback(links[-1].close)
         station = self._station(stack, links, asked)
-        sinks = Sinks([*self._opened(stack, title, [link.name for link in links]), *station, *more])
+        names = [link.name for link in links]
+        shown, view = self._shown(title, names)
+        sinks = Sinks([*self._opened(stack, title, names), *shown, *station, *more])
         hangup = stack.enter_context(Hangup(sinks.reopen, stop.ask))
-        errands: list[Errand] = [*station, notifier, hangup]
+        errands: list[Errand] = [*station, notifier, hangup, *([view] if view else [])]
         monitor = Monitor(
             settings=self._settings, dialect=options.dialect, observer=sinks.observer, on_frames=sinks.on_frames
         )
@@ -160,7 +167,7 @@ class LiveRun:
         gc.collect()
         gc.freeze()
         stack.callback(gc.unfreeze)
-        with beside():
+        with beside(), view.watching(monitor, sinks.events, stop.ask) if view else nullcontext():
             stop.patient = True
             notifier.ready()
             listen(
@@ -173,7 +180,7 @@ class LiveRun:
                 errands=errands,
             )
             notifier.stopping()
-        report = _named(monitor.close(), [link.name for link in links])
+        report = _named(monitor.close(), names)
         self.print_result(report.to_text(detail=0 if options.verbose else -1))
         if not any(entry.bytes for entry in report.files):
             asks = "" if asked is not None and asked.transmits else " gcs-bridge listens only, and never asks"
@@ -197,19 +204,30 @@ class LiveRun:
         click.echo(text, nl=False, err=self._stdout_is_taken)
 
     def _opened(self, stack: ExitStack, title: str, links: Sequence[str]) -> list[Sink]:
-        """The sinks that were asked for, and the console where standard output is free."""
+        """The sinks that were asked for."""
         context = SinkContext(title=title, links=links, note=_note, complain=complain, stack=stack)
         sinks: list[Sink] = []
         for plan in self._plans:
             sinks.append(plan.open(context))
             stack.callback(sinks[-1].close)
-        if not self._stdout_is_taken:
-            from gcs_bridge.sinks.console import Console
-
-            options = self._options
-            detail = -1 if options.quiet else int(options.verbose)
-            sinks.append(Console(links, detail=detail, colour=wants_colour(no_color=options.no_color)))
         return sinks
+
+    def _shown(self, title: str, links: Sequence[str]) -> tuple[list[Sink], View | None]:
+        """What people see, where standard output is free; and the same if it is a view on the terminal."""
+        if self._stdout_is_taken:
+            return [], None
+        from gcs_bridge.cli.shown import open_shown
+
+        options = self._options
+        shown, view = open_shown(
+            links,
+            title=title,
+            detail=-1 if options.quiet else int(options.verbose),
+            no_color=options.no_color,
+            plain=options.plain,
+            bell=options.bell,
+        )
+        return [shown], view
 
 
 def _warm_up(settings: Settings, dialect: str) -> None:
