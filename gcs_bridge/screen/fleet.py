@@ -76,8 +76,8 @@ def _place_of(vehicles: Sequence[VehicleNow], chosen: VehicleId | None) -> int:
 
 
 def _chip_width(vehicles: Sequence[VehicleNow]) -> int:
-    """A place for the mark, the name, the word of four letters, and two between."""
-    return max((len(who(id_of(vehicle))) for vehicle in vehicles), default=0) + 7
+    """A place for the mark, the name, a blank, and the word of four letters."""
+    return max((len(who(id_of(vehicle))) for vehicle in vehicles), default=0) + 6
 
 
 def _draw_chip(
@@ -100,4 +100,7 @@ def _standing(vehicle: VehicleNow, alerts: Sequence[Alert], lost: Collection[Veh
         look = LOOKS[level]
         is_new = any(one.is_new for one in alerts if one.key.vehicle == id_of(vehicle) and one.level is level)
         return look.short, look.role if is_new else look.seen
-    return ("n/c", Role.ADVISORY) if vehicle.verdict == "no_compare" else ("ok", Role.GOOD)
+    if vehicle.verdict == "no_compare":
+        return "n/c", Role.ADVISORY
+    is_shelved = any(one.is_shelved for one in alerts if one.key.vehicle == id_of(vehicle))
+    return ("shlv", Role.FAINT) if is_shelved else ("ok", Role.GOOD)

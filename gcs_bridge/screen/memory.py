@@ -67,7 +67,8 @@ class Memory:
         return [said[alarm_id] for said in (self._said, self._fixes) if alarm_id in said]
 
     def _take_alarm(self, event: AlarmEvent) -> None:
-        _keep(self._said, event.id, difference(event))
+        since = "" if event.raised_utc is None else f"since {event.raised_utc[11:19]}Z: "
+        _keep(self._said, event.id, since + difference(event))
         if isinstance(event, AlarmShelved):
             _keep(self.shelved_until, event.id, (event.until_utc or "")[11:16])
         elif isinstance(event, AlarmUnshelved):

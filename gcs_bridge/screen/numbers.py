@@ -12,7 +12,7 @@ from gcs_bridge.screen.canvas import Region, Role
 
 __all__ = ["CHECKS_WIDTH", "NUMBERS_WIDTH", "brief_attitude", "draw_checks", "draw_numbers", "heading_deg", "measured"]
 
-NUMBERS_WIDTH, CHECKS_WIDTH = 44, 44
+NUMBERS_WIDTH, CHECKS_WIDTH = 44, 50
 _LABEL, _NUMBER = 11, 9
 _VERDICTS = {
     "agree": Role.GOOD,

@@ -92,25 +92,22 @@ def _parts(scene: Scene, body: Region, *, framed: bool) -> list[tuple[int, _Part
     `framed`: title and keys stand elsewhere.
     """
     chips = 0 if framed else min(chip_rows(scene.snapshot.vehicles, body.width), 4)
-    alerts = len(scene.alerts)
-    has_about = bool(_about(scene))
+    alerts, about = len(scene.alerts), 6 if _about(scene) else 0
+    is_small, is_large = body.height < 12 or body.width < NUMBERS_WIDTH, body.height >= 30
+    attitude = _Part(1, 1, _draw_brief) if is_small else _Part(9, 24 if is_large else 10, _draw_attitude)
+    plotted = _Part(4, 12 if is_large else 6, _draw_disagreement)
     parts = [
-        (5, _Part(chips, chips, _draw_fleet)),
+        (6, _Part(chips, chips, _draw_fleet)),
         (3, _Part(1, 1, _draw_vehicle)),
-        (2, _Part(1, 1, _draw_brief) if body.height < 12 or body.width < NUMBERS_WIDTH else _attitude(body)),
-        (6, _Part(4, 10, _draw_disagreement) if body.height >= 16 else _Part(1, 1, _draw_disagreement)),
-        (1, _Part(min(alerts, 3) or 1, max(alerts, 1), _draw_alerts)),
-        (7, _Part(2 if has_about and body.height >= 20 else 0, 6 if has_about else 0, _draw_about)),
-        (8, _Part(0, 200, _draw_log)),
+        (2, attitude),
+        (5, plotted if body.height >= 16 else _Part(1, 1, _draw_disagreement)),
+        (1, _Part(min(max(alerts, 1), 3), max(alerts, 1), _draw_alerts)),
+        (7, _Part(2 if about and body.height >= 20 else 0, about, _draw_about)),
+        (8, _Part(0, body.height, _draw_log)),
     ]
     if framed:
         return parts
     return [(0, _Part(1, 1, _draw_title)), *parts, (4, _Part(1 if body.height > 5 else 0, 1, _draw_keys))]
-
-
-def _attitude(body: Region) -> _Part:
-    """The horizon beside the numbers."""
-    return _Part(9, 10 if body.height < 30 else 24, _draw_attitude)
 
 
 def _draw_parts(body: Region, ranked: Sequence[tuple[int, _Part]], scene: Scene) -> None:
@@ -150,8 +147,10 @@ def _draw_title(region: Region, scene: Scene) -> None:
 
 
 def _draw_keys(region: Region, scene: Scene) -> None:
-    hints = f"{HINTS}  b bell {'on' if scene.rings else 'off'}"
-    region.put_cut(1, 0, scene.message or hints, Role.STRONG if scene.message else Role.FAINT)
+    x = region.put_cut(1, 0, scene.message or HINTS, Role.STRONG if scene.message else Role.FAINT)
+    bell = f"  b bell {'on' if scene.rings else 'off'}"
+    if not scene.message and x + len(bell) <= region.width:
+        region.put(x, 0, bell, Role.FAINT)
 
 
 def _draw_fleet(region: Region, scene: Scene) -> None:
@@ -165,14 +164,14 @@ def _draw_vehicle(region: Region, scene: Scene) -> None:
         return
     x = region.put(1, 0, who(id_of(vehicle)), Role.STRONG)
     x = region.put(x + 1, 0, f"{vehicle.autopilot} {vehicle.type}")
-    age = "" if vehicle.age_s is None else f"heard {vehicle.age_s:.1f} s ago"
+    age = "" if vehicle.age_s is None else f"age {vehicle.age_s:.1f} s"
     share = vehicle.lost / max(vehicle.lost + vehicle.received, 1)
     rates = "  ".join(
         f"{short} {vehicle.streams[name].rate_hz or 0:.3g} Hz"
         for name, short in (("ATTITUDE", "Euler"), ("ATTITUDE_QUATERNION", "quat"))
         if name in vehicle.streams
     )
-    said = [age, f"lost {100 * share:.2g} %", rates, "" if vehicle.boot is None else f"boot {vehicle.boot}"]
+    said = [age, f"loss {100 * share:.2g} %", rates, "" if vehicle.boot is None else f"boot {vehicle.boot}"]
     region.put_cut(x + 2, 0, "  ".join(filter(None, said)), Role.FAINT)
 
 
@@ -233,11 +232,11 @@ def _draw_disagreement(region: Region, scene: Scene) -> None:
         return
     now = disagreement_of(vehicle)
     if now is None or now.value is None or now.limit is None:
-        region.put_cut(1, 0, "apart: not compared yet", Role.ADVISORY)
+        region.put_cut(0, 0, "apart: not compared yet", Role.ADVISORY)
     else:
         is_above = now.value > now.limit
-        said = f"apart {now.value:.3f}{DEGREE} of limit {now.limit:.3f}{DEGREE}"
-        x = region.put(1, 0, said, Role.STRONG)
+        precise = f"apart {now.value:.3f}{DEGREE} of limit {now.limit:.3f}{DEGREE}"
+        x = region.put(0, 0, precise if region.width >= 40 else measured(now), Role.STRONG)
         x = region.put(x + 1, 0, "ABOVE" if is_above else "within", Role.WARNING_SEEN if is_above else Role.GOOD)
         span = "  one bar a second, the latest at the right" if region.height > 1 else ""
         region.put_cut(x, 0, span, Role.FAINT)
@@ -250,7 +249,7 @@ def _draw_alerts(region: Region, scene: Scene) -> None:
     """What calls for attention, of every vehicle; what is chosen is always among it."""
     if not scene.alerts:
         if scene.snapshot.vehicles:
-            region.put_cut(1, 0, "no alarm, of no vehicle", Role.GOOD)
+            region.put_cut(0, 0, "no alarm, of no vehicle", Role.GOOD)
         return
     places = [alert.key for alert in scene.alerts]
     chosen = places.index(scene.chosen_alert) if scene.chosen_alert in places else 0

@@ -20,8 +20,8 @@ _STYLES = {
     Role.FAINT: "dim",
     Role.STRONG: "bold",
     Role.TITLE: "reverse",
-    Role.WARNING: "bold reverse red",
-    Role.CAUTION: "bold reverse yellow",
+    Role.WARNING: "bold bright_white on red",
+    Role.CAUTION: "bold black on yellow",
     Role.ADVISORY: "cyan",
     Role.WARNING_SEEN: "red",
     Role.CAUTION_SEEN: "yellow",
@@ -32,7 +32,13 @@ _STYLES = {
     Role.EDGE_UPSIDE_DOWN: "color(25) on color(94)",
     Role.CRAFT: "bold bright_yellow on black",
 }
-_PLAIN_STYLES = {**_STYLES, Role.EDGE_UPSIDE_DOWN: "reverse", Role.CRAFT: "bold"}  # where there are no colours
+# Where there are no colours, or none are wanted.
+_PLAIN_STYLES = {
+    **_STYLES,
+    Role.WARNING: "bold reverse",
+    Role.CAUTION: "bold reverse",
+    Role.EDGE_UPSIDE_DOWN: "reverse",
+}
 _TO_ASCII = str.maketrans("▁▂▃▄▅▆▇█░━┛┗·─╱╲│┄▲■●›°…←→↑↓⊗×−ωθ", "..::||##:=+++-/\\|-!*o>'~<>^vxx-wo")
 _SYSTEMS = {"standard": ColorSystem.STANDARD, "256": ColorSystem.EIGHT_BIT, "truecolor": ColorSystem.TRUECOLOR}
 

@@ -14,10 +14,10 @@ _LABEL = 7  # characters
 
 
 def top_of(seconds: Sequence[Second | None]) -> float:
-    """The value at the upper border: a round one, which every value and twice every limit fits below.
+    """The value at the upper border: a round one, below which every value fits, and about twice every limit.
 
     >>> top_of([Second(0.1, 0.52)]), top_of([Second(24.9, 0.6), None]), top_of([])
-    (1.5, 30.0, 1.0)
+    (1.0, 30.0, 1.0)
     """
     there = [second for second in seconds if second is not None]
     most = max((max(second.value, 2 * second.limit) for second in there), default=1.0)

@@ -24,8 +24,9 @@ __all__ = ["Terminal"]
 
 _LAST_WORDS_S = 0.5  # so long it is waited for a terminal that takes nothing, when it is given back
 _FALLBACK_SIZE = (80, 24)
-# Another screen, without wrapping and without a cursor; and back, from whatever attributes.
-_TAKE, _GIVE_BACK = b"\x1b[?1049h\x1b[?7l\x1b[?25l", b"\x1b[0m\x1b[?25h\x1b[?7h\x1b[?1049l"
+# Another screen, without wrapping and without a cursor; and back, from whatever attributes. It is blanked before that:
+# what is left of it after a resize would come along in tmux.
+_TAKE, _GIVE_BACK = b"\x1b[?1049h\x1b[?7l\x1b[?25l", b"\x1b[0m\x1b[2J\x1b[?25h\x1b[?7h\x1b[?1049l"
 
 
 class Terminal:
