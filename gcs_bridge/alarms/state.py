@@ -115,6 +115,7 @@ ANNOUNCEMENTS = {
 }
 
 PENDING = frozenset({State.PENDING, State.RETURNED_PENDING})
+LATCHED = frozenset({State.RETURNED, State.RETURNED_PENDING})
 STANDING = frozenset({State.RAISED, State.ACKNOWLEDGED, State.CLEARING, State.CLEARING_ACKNOWLEDGED})
 SUPPRESSED = frozenset({Announcement.SUPPRESSED, Announcement.SHELVED_SUPPRESSED})
 SHELVED = frozenset({Announcement.SHELVED, Announcement.SHELVED_SUPPRESSED})

@@ -6,6 +6,7 @@ with a code of its own: Python's 1 would read as an alarm.
 
 from __future__ import annotations
 
+import errno
 import importlib
 import io
 import os
@@ -15,7 +16,7 @@ from typing import Any
 import click
 
 from gcs_bridge._version import __version__
-from gcs_bridge.cli.terminal import complain
+from gcs_bridge.cli.terminal import complain, terminal_has_gone
 from gcs_bridge.errors import GcsBridgeError
 
 __all__ = ["main"]
@@ -24,6 +25,7 @@ USAGE = 2
 INTERNAL_ERROR = 70  # as in sysexits.h
 INTERRUPTED = 130  # as shells report SIGINT
 BROKEN_PIPE = 141  # as shells report SIGPIPE
+HUNG_UP = 129  # as shells report SIGHUP
 
 
 # Each is the function of its name in the module of its name, which is loaded when it is asked for.
@@ -81,6 +83,12 @@ def main(argv: list[str] | None = None) -> int:
         # The reader has gone; let Python's own flush at exit find nothing to complain about.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
+    except OSError as error:
+        if error.errno == errno.EIO and terminal_has_gone():
+            for number in (1, 2):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), number)
+            return HUNG_UP
+        return _mistake_of_ours()
     except KeyboardInterrupt:
         complain("interrupted")
         return INTERRUPTED
@@ -88,11 +96,16 @@ def main(argv: list[str] | None = None) -> int:
         complain(str(error))
         return error.exit_code
     except Exception:
-        import traceback
+        return _mistake_of_ours()
 
-        traceback.print_exc()
-        complain("this is a mistake of gcs-bridge, not yours: please report it with the lines above")
-        return INTERNAL_ERROR
+
+def _mistake_of_ours() -> int:
+    """Report the exception that is handled, as one that nobody expected."""
+    import traceback
+
+    traceback.print_exc()
+    complain("this is a mistake of gcs-bridge, not yours: please report it with the lines above")
+    return INTERNAL_ERROR
 
 
 def _run(argv: list[str]) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gcs_bridge.cli.live_run import LiveOptions, LiveRun, live_options, refuse_not_positive
+from gcs_bridge.cli.live_run import LiveOptions, LiveRun, LiveTask, live_options, refuse_not_positive
 from gcs_bridge.cli.terminal import complain
 from gcs_bridge.events import AlarmRaised, Event
 from gcs_bridge.sinks.base import Sink
@@ -53,11 +53,13 @@ def demo(duration_s: float, speed: float, **options: Any) -> int:
         kind="note",
     )
     code = run.run(
-        [lambda: open_link(uri)],
-        title="demo",
-        duration_s=lasts_s + _GRACE_S,
-        beside=lambda: Player(frames, uri.port, speed=speed),
-        sinks=[seen],
+        LiveTask(
+            openers=[lambda: open_link(uri)],
+            title="demo",
+            duration_s=lasts_s + _GRACE_S,
+            beside=lambda: Player(frames, uri.port, speed=speed),
+            sinks=[seen],
+        )
     )
     run.print_result(_what_was_seen(seen.alarms, _shown(recording)))
     return code

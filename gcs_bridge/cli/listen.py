@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gcs_bridge.cli.live_run import LiveOptions, LiveRun, live_options, refuse_not_positive
+from gcs_bridge.cli.live_run import LiveOptions, LiveRun, LiveTask, live_options, refuse_not_positive
 from gcs_bridge.cli.signing_options import key_of, signing_options
 from gcs_bridge.errors import UsageError
 
@@ -107,11 +107,13 @@ def listen(
 
     title = ", ".join(map(str, parsed))
     return run.run(
-        [opener(uri) for uri in parsed],
-        title=title,
-        duration_s=duration_s,
-        asked=asked,
-        metrics_port=metrics_port,
-        signing_key=signing_key,
-        unsigned=unsigned,
+        LiveTask(
+            openers=[opener(uri) for uri in parsed],
+            title=title,
+            duration_s=duration_s,
+            asked=asked,
+            metrics_port=metrics_port,
+            signing_key=signing_key,
+            unsigned=unsigned,
+        )
     )

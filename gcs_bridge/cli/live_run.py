@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from gcs_bridge.cli.live_sinks import LIVE_SINKS, plan_sinks
-from gcs_bridge.cli.terminal import complain, wants_colour
+from gcs_bridge.cli.terminal import complain
 from gcs_bridge.contract import readable
 from gcs_bridge.errors import UsageError
 from gcs_bridge.sinks.base import Sink, SinkContext, Sinks
@@ -24,11 +24,12 @@ if TYPE_CHECKING:  # loaded when there is something to run
     from gcs_bridge.mavlink.signing import SigningKey, Unsigned
     from gcs_bridge.metrics.served import MetricsServer
     from gcs_bridge.report import Report
+    from gcs_bridge.screen.view import View
     from gcs_bridge.sending.asked import Asked
     from gcs_bridge.sending.station import Station
     from gcs_bridge.settings import Settings
 
-__all__ = ["LiveOptions", "LiveRun", "live_options", "refuse_not_positive", "warm_up"]
+__all__ = ["LiveOptions", "LiveRun", "LiveTask", "live_options", "refuse_not_positive", "warm_up"]
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -47,6 +48,8 @@ class LiveOptions:
     quiet: bool
     verbose: bool
     no_color: bool
+    plain: bool
+    bell: bool
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> LiveOptions:
@@ -74,7 +77,9 @@ def live_options(command: _Command) -> _Command:
             click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]"),
             click.option("-q", "--quiet", is_flag=True, help="Only alarms."),
             click.option("-v", "--verbose", is_flag=True, help="Pending alarms too, and the whole report at the end."),
-            click.option("--no-color", is_flag=True, help="Plain text; so does the variable NO_COLOR."),
+            click.option("--plain", is_flag=True, help="Lines, where a terminal would show the full-screen view."),
+            click.option("--bell", is_flag=True, help="Ring the terminal's bell for alarms."),
+            click.option("--no-color", is_flag=True, help="No colours; so does the variable NO_COLOR."),
         )
     ):
         command = option(command)
@@ -94,6 +99,27 @@ def refuse_not_positive(option: str, value: float | None) -> None:
         raise UsageError(f"{option} {value:g}: must be above 0")
 
 
+@dataclass(frozen=True, kw_only=True)
+class LiveTask:
+    """What one run is to do; `title`: how it is called where it is shown."""
+
+    openers: Sequence[Callable[[], Link]]
+    """Each opens a link."""
+    title: str
+    duration_s: float | None
+    beside: Callable[[], AbstractContextManager[Any]] = nullcontext
+    """Entered for the time of listening."""
+    sinks: Iterable[Sink] = ()
+    """Beside those of the options."""
+    asked: Asked | None = None
+    """What is to be sent."""
+    metrics_port: int | None = None
+    """Where Prometheus may read."""
+    signing_key: SigningKey | None = None
+    unsigned: Unsigned | None = None
+    """Both as a `Monitor` has them."""
+
+
 class LiveRun:
     """One run: refuses at once what cannot be, then opens links, files and viewer, listens, and sums up."""
 
@@ -106,49 +132,20 @@ class LiveRun:
         self._plans = plan_sinks(options.sinks, options.limits)
         self._stdout_is_taken = any(plan.takes_stdout for plan in self._plans)
 
-    def run(
-        self,
-        openers: Sequence[Callable[[], Link]],
-        *,
-        title: str,
-        duration_s: float | None,
-        beside: Callable[[], AbstractContextManager[Any]] = nullcontext,
-        sinks: Iterable[Sink] = (),
-        asked: Asked | None = None,
-        metrics_port: int | None = None,
-        signing_key: SigningKey | None = None,
-        unsigned: Unsigned | None = None,
-    ) -> int:
-        """Listen on the links that `openers` open until a signal, or `duration_s`, ends it; returns the exit code.
+    def run(self, task: LiveTask) -> int:
+        """Listen until a signal, or the task's time, ends it; returns the exit code.
 
-        `beside` is entered for the time of listening; `sinks` come to those that are asked for; `asked`: what is to be
-        sent; `metrics_port`: where Prometheus may read; key and `unsigned` are a `Monitor`'s. A link or a port that
-        cannot be opened is a SourceError.
+        A link or a port that cannot be opened is a SourceError.
         """
         from gcs_bridge.links.loop import Stop
 
         with Stop() as stop, ExitStack() as stack:
             try:
-                return self._run(
-                    stack, stop, openers, title, duration_s, beside, sinks, asked, metrics_port, signing_key, unsigned
-                )
+                return self._run(stack, stop, task)
             except KeyboardInterrupt:  # before anything was heard, or by somebody in a hurry
                 return 0
 
-    def _run(
-        self,
-        stack: ExitStack,
-        stop: Stop,
-        openers: Sequence[Callable[[], Link]],
-        title: str,
-        duration_s: float | None,
-        beside: Callable[[], AbstractContextManager[Any]],
-        more: Iterable[Sink],
-        asked: Asked | None,
-        metrics_port: int | None,
-        signing_key: SigningKey | None,
-        unsigned: Unsigned | None,
-    ) -> int:
+    def _run(self, stack: ExitStack, stop: Stop, task: LiveTask) -> int:
         from gcs_bridge.cli.service import Hangup, Notifier
         from gcs_bridge.judging.monitor import Monitor
         from gcs_bridge.links.loop import Errand, listen
@@ -157,21 +154,23 @@ class LiveRun:
         notifier = Notifier()  # before anything is started that would inherit whom it tells
         warm_up(self._settings, options.dialect)
         links: list[Link] = []
-        for open_link in openers:
+        for open_link in task.openers:
             links.append(open_link())
             stack.callback(links[-1].close)
-        station = self._station(stack, links, asked)
-        metrics = self._metrics(stack, links, metrics_port)
-        sinks = Sinks([*self._opened(stack, title, [link.name for link in links]), *station, *metrics, *more])
+        station = self._station(stack, links, task.asked)
+        metrics = self._metrics(stack, links, task.metrics_port)
+        names = [link.name for link in links]
+        shown, view = self._shown(task.title, names)
+        sinks = Sinks([*self._opened(stack, task.title, names), *shown, *station, *metrics, *task.sinks])
         hangup = stack.enter_context(Hangup(sinks.reopen, stop.ask))
-        errands: list[Errand] = [*station, *metrics, notifier, hangup]
+        errands: list[Errand] = [*station, *metrics, notifier, hangup, *([view] if view else [])]
         monitor = Monitor(
             settings=self._settings,
             dialect=options.dialect,
             observer=sinks.observer,
             on_frames=sinks.on_frames,
-            signing_key=signing_key,
-            unsigned=unsigned,
+            signing_key=task.signing_key,
+            unsigned=task.unsigned,
         )
         for server in metrics:
             server.follow(monitor)
@@ -179,7 +178,7 @@ class LiveRun:
         gc.collect()
         gc.freeze()
         stack.callback(gc.unfreeze)
-        with beside():
+        with task.beside(), view.watching(monitor, sinks.events, stop.ask) if view else nullcontext():
             stop.patient = True
             notifier.ready()
             listen(
@@ -187,15 +186,15 @@ class LiveRun:
                 monitor,
                 sinks.events,
                 stop=lambda: stop.asked,
-                duration_s=duration_s,
+                duration_s=task.duration_s,
                 note=_note,
                 errands=errands,
             )
             notifier.stopping()
-        report = _named(monitor.close(), [link.name for link in links])
+        report = _named(monitor.close(), names)
         self.print_result(report.to_text(detail=0 if options.verbose else -1))
         if not any(entry.bytes for entry in report.files):
-            asks = "" if asked is not None and asked.transmits else " gcs-bridge listens only, and never asks"
+            asks = "" if task.asked is not None and task.asked.transmits else " gcs-bridge listens only, and never asks"
             _note(f"nothing was received: does anything send here?{asks}")
         return 2 if sinks.failed else 0
 
@@ -227,19 +226,30 @@ class LiveRun:
         click.echo(text, nl=False, err=self._stdout_is_taken)
 
     def _opened(self, stack: ExitStack, title: str, links: Sequence[str]) -> list[Sink]:
-        """The sinks that were asked for, and the console where standard output is free."""
+        """The sinks that were asked for."""
         context = SinkContext(title=title, links=links, note=_note, complain=complain, stack=stack)
         sinks: list[Sink] = []
         for plan in self._plans:
             sinks.append(plan.open(context))
             stack.callback(sinks[-1].close)
-        if not self._stdout_is_taken:
-            from gcs_bridge.sinks.console import Console
-
-            options = self._options
-            detail = -1 if options.quiet else int(options.verbose)
-            sinks.append(Console(links, detail=detail, colour=wants_colour(no_color=options.no_color)))
         return sinks
+
+    def _shown(self, title: str, links: Sequence[str]) -> tuple[list[Sink], View | None]:
+        """What people see, where standard output is free; and the same if it is a view on the terminal."""
+        if self._stdout_is_taken:
+            return [], None
+        from gcs_bridge.cli.shown import open_shown
+
+        options = self._options
+        shown, view = open_shown(
+            links,
+            title=title,
+            detail=-1 if options.quiet else int(options.verbose),
+            no_color=options.no_color,
+            plain=options.plain,
+            bell=options.bell,
+        )
+        return [shown], view
 
 
 def warm_up(settings: Settings, dialect: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import time
@@ -14,7 +15,7 @@ from gcs_bridge.errors import one_line
 if TYPE_CHECKING:  # rich is loaded when there is something to draw
     from rich.progress import Progress
 
-__all__ = ["ProgressBar", "complain", "print_coloured", "wants_colour"]
+__all__ = ["ProgressBar", "complain", "print_coloured", "terminal_has_gone", "wants_colour"]
 
 _PATIENCE_S = 1.0
 _STYLES = {
@@ -34,6 +35,21 @@ def complain(message: str, *, kind: str = "error") -> None:
 def wants_colour(*, no_color: bool) -> bool:
     """Whether standard output is a terminal whose user has not asked for plain text."""
     return sys.stdout.isatty() and not no_color and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def terminal_has_gone() -> bool:
+    """Whether standard output or standard error was a terminal, and that has closed."""
+    if sys.platform == "win32":
+        return False
+    import termios
+
+    for number in (1, 2):
+        try:
+            termios.tcgetattr(number)
+        except termios.error as error:
+            if error.args[0] == errno.EIO:
+                return True
+    return False
 
 
 def print_coloured(text: str, styles: Mapping[str, str] = _STYLES) -> None:

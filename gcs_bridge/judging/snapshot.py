@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from msgspec import Meta, Struct
 
 from gcs_bridge.alarms.slot import AlarmSlot
-from gcs_bridge.alarms.state import Announcement, State
+from gcs_bridge.alarms.state import LATCHED, Announcement, State
 from gcs_bridge.alarms.votes import SlotNow
 from gcs_bridge.contract import Severity, Stream, plain
 from gcs_bridge.report.schema import CheckVerdict, Verdict
@@ -40,7 +40,7 @@ class AlarmNow(Struct, frozen=True, kw_only=True):
     limit: float | None
     state: State
     announcement: Announcement
-    id: Annotated[str | None, Meta(description="of the alarm that is pending or stands")]
+    id: Annotated[str | None, Meta(description="of the alarm that is pending, stands, or has gone unacknowledged")]
     peak: float | None
 
 
@@ -115,8 +115,9 @@ def attitude_now(samples: AttitudeSamples | None, t_rx_us: int, *, alive: bool) 
 
 def alarm_now(slot: AlarmSlot, now: SlotNow) -> AlarmNow:
     """One alarm, as its ballot has it now."""
-    spec, record, scale = slot.spec, slot.record, slot.scale
+    spec, scale = slot.spec, slot.scale
     state, samples, t_boot_us, value, limit = now
+    record = slot.last if state in LATCHED else slot.record
     return AlarmNow(
         name=spec.name,
         severity=spec.severity,

@@ -8,7 +8,7 @@ import click
 
 from gcs_bridge.events import AlarmRaised, Event
 from gcs_bridge.sinks.base import Sink
-from gcs_bridge.sinks.event_lines import event_line, is_alarm, is_detail, link_name
+from gcs_bridge.sinks.event_lines import ReadableLines
 
 __all__ = ["Console"]
 
@@ -16,20 +16,19 @@ _COLOURS = {"alarm_raised": "red", "alarm_cleared": "green", "no_compare": "yell
 
 
 class Console(Sink):
-    """Prints events; `detail` −1: alarms alone, 1: also what may yet pass. Of several links, on which each came."""
+    """Prints events as lines; where that is asked for, it rings the terminal's bell for alarms."""
 
-    def __init__(self, links: Sequence[str], *, detail: int, colour: bool) -> None:
-        """Print nothing yet; `links`: the names of the links, by their numbers."""
-        self._links = links
-        self._detail = detail
+    def __init__(self, lines: ReadableLines, *, colour: bool, rings: bool = False) -> None:
+        """Print nothing yet."""
+        self._lines = lines
         self._colour = colour
+        self._rings = rings
 
     def events(self, events: Sequence[Event]) -> None:
         """Print those that are wanted."""
         for event in events:
-            if is_alarm(event) or self._detail >= is_detail(event):
-                tell_link = event.vehicle and len(self._links) > 1
-                where = f"  ({link_name(event, self._links)})" if tell_link else ""
+            if (line := self._lines(event)) is not None:
                 colour = _COLOURS.get(event.name) if self._colour else None
-                bold = isinstance(event, AlarmRaised)
-                click.secho(event_line(event) + where, fg=colour, bold=bold, color=self._colour)
+                is_raised = isinstance(event, AlarmRaised)
+                bell = "\a" if self._rings and is_raised else ""
+                click.secho(bell + line, fg=colour, bold=is_raised, color=self._colour)

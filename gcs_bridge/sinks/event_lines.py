@@ -29,7 +29,16 @@ from gcs_bridge.report.wording import difference
 from gcs_bridge.sinks.base import Plan, Sink
 from gcs_bridge.sinks.file import FileSink
 
-__all__ = ["EventLines", "event_json", "event_line", "event_words", "is_alarm", "is_detail", "link_name"]
+__all__ = [
+    "EventLines",
+    "ReadableLines",
+    "event_json",
+    "event_line",
+    "event_words",
+    "is_alarm",
+    "is_detail",
+    "link_name",
+]
 _STDOUT = "-"
 _SAID = {
     "vehicle_seen": "vehicle seen",
@@ -63,6 +72,22 @@ class _StdoutLines(Sink):
     def events(self, events: Sequence[Event]) -> None:
         for event in events:
             write_stdout(event_json(event, link_name(event, self._links)).decode())
+
+
+class ReadableLines:
+    """Events as lines for people: those that they want; of several links with the one on which each came."""
+
+    def __init__(self, links: Sequence[str], *, detail: int) -> None:
+        """`links`: their names, by their numbers; `detail` −1: alarms alone, 1: also what may yet pass."""
+        self._links = links
+        self._detail = detail
+
+    def __call__(self, event: Event) -> str | None:
+        """The line of an event, None where it is not wanted."""
+        if not (is_alarm(event) or self._detail >= is_detail(event)):
+            return None
+        tell_link = event.vehicle and len(self._links) > 1
+        return event_line(event) + (f"  ({link_name(event, self._links)})" if tell_link else "")
 
 
 def link_name(event: Event, links: Sequence[str]) -> str:
