@@ -1,5 +1,7 @@
 """Before the first test: the kernels are compiled, so that no process says so, or waits for it; no test is timed."""
 
+import os
+
 import hypothesis
 import pytest
 
@@ -7,6 +9,13 @@ import pytest
 hypothesis.settings.register_profile("untimed", deadline=None)
 hypothesis.settings.load_profile("untimed")
 pytest.register_assert_rewrite("tests.helpers")
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One more than processors: while one waits, for a second to pass or a program to start, others compute."""
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return processors + 1
+
 
 # Their tests wait on real time, or on programs that they start.
 _WAITING = ("tests/cli/test_listen.py", "tests/jit/", "tests/links/", "tests/sending/", "tests/sinks/", "tests/viewer/")

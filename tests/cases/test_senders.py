@@ -3,6 +3,7 @@
 Flights are made by hand (tests/helpers/wire.py).
 """
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,11 @@ class Still:
 
     def rates(self, t_s: Any) -> Any:
         return np.zeros((len(t_s), 3))
+
+
+@cache
+def moving(seed: int) -> wire.Motion:
+    return wire.Motion(31, seed=seed)
 
 
 def sent(motion: Any, seconds: float = 30.0, *, late_s: float = 0.0, first_seq: int = 0, **flight: Any) -> list[Record]:
@@ -88,7 +94,7 @@ def test_two_attitudes(apart_deg: float, hz: tuple[float, float], late_s: float)
 def test_two_vehicles_that_fly(hz: tuple[float, float], apart_ms: int) -> None:
     """Each by its own motion and on its own clock."""
     flights = [
-        sent(wire.Motion(31, seed=seed), euler_hz=hz[seed], quaternion_hz=hz[seed], boot_ms=10_000 + seed * apart_ms,
+        sent(moving(seed), euler_hz=hz[seed], quaternion_hz=hz[seed], boot_ms=10_000 + seed * apart_ms,
              first_seq=100 * seed, late_s=0.003 * seed)
         for seed in (0, 1)
     ]  # fmt: skip
@@ -99,7 +105,7 @@ def test_two_vehicles_that_fly(hz: tuple[float, float], apart_ms: int) -> None:
 @pytest.mark.parametrize("apart_ms", [30_000, 3_600_000])
 def test_two_clocks_of_one_attitude(apart_ms: int) -> None:
     """Two copies of one simulation, say: nothing but the clocks tells them apart."""
-    motion = wire.Motion(31, seed=5)
+    motion = moving(5)
     flights = [sent(motion, euler_hz=10.0, quaternion_hz=10.0, boot_ms=10_000 + k * apart_ms) for k in (0, 1)]
     verdict, said, _ = judged(together(*flights))
     assert (verdict, bool(said)) == ("alarm", True)
@@ -112,7 +118,7 @@ def test_two_clocks_of_one_attitude(apart_ms: int) -> None:
 @pytest.mark.parametrize("hz", [1.0, 0.7])
 def test_heartbeats_that_contradict_each_other(other: Json, hz: float) -> None:
     """The second sender sends nothing else; what most say names the vehicle."""
-    flown = sent(wire.Motion(31, seed=2), euler_hz=10.0, quaternion_hz=10.0)
+    flown = sent(moving(2), euler_hz=10.0, quaternion_hz=10.0)
     beats = [
         (wire.START_US + round((0.4 + i / hz) * S), wire.heartbeat(seq=77 + i, **other)) for i in range(int(29 * hz))
     ]
@@ -122,7 +128,7 @@ def test_heartbeats_that_contradict_each_other(other: Json, hz: float) -> None:
 
 def test_another_version_numbered_apart() -> None:
     """Heartbeats of MAVLink 1 among frames of MAVLink 2, alike but for their numbers: that two send is a warning."""
-    flown = sent(wire.Motion(31, seed=2), euler_hz=10.0, quaternion_hz=10.0)
+    flown = sent(moving(2), euler_hz=10.0, quaternion_hz=10.0)
     beats = [(wire.START_US + round((0.45 + i) * S), wire.heartbeat(seq=i, version=1)) for i in range(29)]
     verdict, said, _ = judged(together(flown, beats))
     assert (verdict, len(said)) == ("warning", 1)
@@ -164,7 +170,7 @@ def test_one_sender_on_a_bad_link(fault: str, name: str) -> None:
 def test_one_vehicle_heard_twice(late_s: float) -> None:
     """Over two links into one recording, the second one later: frame by frame the same, half of them lost on each."""
     chance = np.random.default_rng(3)
-    flown = sent(wire.Motion(31, seed=4), euler_hz=20.0, quaternion_hz=20.0)
+    flown = sent(moving(4), euler_hz=20.0, quaternion_hz=20.0)
     paths = [
         [(t_us + round(late * S), frame) for t_us, frame in flown if chance.random() < 0.5] for late in (0.0, late_s)
     ]
@@ -174,7 +180,7 @@ def test_one_vehicle_heard_twice(late_s: float) -> None:
 
 def test_one_vehicle_on_two_ports() -> None:
     """An autopilot numbers each port's frames by itself, and stamps each message when it is sent."""
-    motion = wire.Motion(31, seed=6)
+    motion = moving(6)
     ports = [
         sent(motion, euler_hz=10.0, quaternion_hz=10.0),
         sent(motion, euler_hz=4.0, quaternion_hz=4.0, first_seq=120, version=1),

@@ -20,6 +20,7 @@ from gcs_bridge.resources import config_folder
 from gcs_bridge.sinks.file import LiveFile
 from tests.helpers.live_links import PROGRAM, Process, fixture, frames_of, free_port, tlog_of, wait_until
 from tests.helpers.paths import ROOT
+from tests.helpers.processor import awake_s
 
 FRAMES = fixture("e_two_vehicles", to_s=6)
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="services of systemd, and their signals")
@@ -95,10 +96,10 @@ def test_a_socket_without_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_manager_that_takes_nothing_holds_nothing_up(manager: Manager) -> None:
     """Its queue is full: what it is not told is lost."""
     notifier = Notifier()
-    began_s = time.monotonic()
+    began_s = awake_s()
     for _ in range(2000):
         notifier.ready()
-    assert time.monotonic() - began_s < 5
+    assert awake_s() - began_s < 5
 
 
 @pytest.mark.slow
@@ -135,7 +136,7 @@ def test_listen_as_a_service(manager: Manager, monkeypatch: pytest.MonkeyPatch, 
         process.signal(signal.SIGTERM)
         code, said = process.ended()
     assert (code, said) == (0, "")
-    manager.socket.settimeout(5)
+    manager.socket.settimeout(30)
     while (told := manager.told()) == "WATCHDOG=1":
         pass
     assert told == "STOPPING=1"

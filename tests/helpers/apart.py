@@ -76,8 +76,8 @@ class Apart:
         true, hovers = self.true(t_s), np.array([self.hovers(t) for t in t_s.tolist()])
         viewed = true * rotvec(0.0, -self.view_deg, 0.0)
         flown = true.as_euler("ZYX") - [0.0, y + np.radians(self.pitch_trim_deg), x]
-        angles: Array = np.where(hovers[:, None], viewed.as_euler("ZYX"), flown)[:, ::-1]
-        return angles
+        shown: Array = np.where(hovers[:, None], viewed.as_euler("ZYX"), flown)
+        return shown[:, ::-1]
 
     def quaternion(self, t_s: Array) -> Rotation:
         """The attitudes as the quaternion has them."""

@@ -215,6 +215,7 @@ def test_other_threads_run_meanwhile() -> None:
     assert ended == [True]
 
 
+@pytest.mark.slow  # numba itself compiles
 def test_where_numba_is_not_as_it_is_known_its_own_dispatcher_does_the_work(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -236,6 +237,7 @@ def test_where_numba_is_not_as_it_is_known_its_own_dispatcher_does_the_work(
         assert one(*given()) == (13.0, 3, True)
 
 
+@pytest.mark.slow  # numba itself compiles
 @pytest.mark.parametrize("variable", ["NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT"])
 def test_what_developers_ask_of_numba_is_done(variable: str, tmp_path: Path) -> None:
     """An index out of bounds is an IndexError then, and no line of another array; nothing of it is kept."""

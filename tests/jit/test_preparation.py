@@ -74,6 +74,7 @@ def kept() -> list[Path]:
     return sorted(path for path in Path(os.environ["GCS_BRIDGE_CACHE_DIR"]).iterdir() if path.name != "gcs-bridge.lock")
 
 
+@pytest.mark.slow  # four processes, two of which compile
 def test_the_first_run_says_so_and_the_next_is_silent_and_needs_no_numba(package: str) -> None:
     """One line where standard error is no terminal; what is missing is compiled again, and nothing else."""
     assert told_by(started(package))[1] == SAID

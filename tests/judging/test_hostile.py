@@ -21,6 +21,7 @@ from tests.helpers.live_links import fixture, judgement, recorded_judgement, tlo
 CASES = 600
 
 
+@pytest.mark.slow  # hundreds of datagrams at random; the rest of this file is by hand
 @pytest.mark.parametrize("seed", range(2))
 def test_strangers_do_no_harm(seed: int) -> None:
     """Noise, damage, and right frames of other systems with the worst in them: the true vehicle's entry is the same."""
@@ -44,6 +45,7 @@ def test_strangers_are_heard() -> None:
     assert entry["salvage"]["bad_crc"] > 10
 
 
+@pytest.mark.slow  # as above
 @pytest.mark.parametrize("seed", range(2))
 def test_forged_frames_raise_nothing(seed: int) -> None:
     """Under the vehicle's own address, cut anywhere, with receive times that jump; reports and events stay JSON."""

@@ -28,6 +28,7 @@ from tests.helpers.live_links import (
     Live,
     fixture,
     free_port,
+    hurry,
     judgement,
     paced,
     recorder,
@@ -440,16 +441,18 @@ def test_nothing_comes() -> None:
 
 
 @pytest.mark.slow
-def test_one_link_breaks_the_other_goes_on() -> None:
+def test_one_link_breaks_the_other_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """The end of a link is an event with its reason, and the end of that link alone; its vehicle is lost in time."""
     frames = fixture("a_copter_square", from_s=75, to_s=76)
-    link, uri = udp_link()
+    hurry(monkeypatch, 4.0)
+    other_port = free_port(socket.SOCK_STREAM)
+    other = open_link(NetworkUri("tcpin", "127.0.0.1", other_port))
     with tcp_sender(frames, 20) as (port, _):
         tcp = open_link(NetworkUri("tcp", "127.0.0.1", port))
-        with Live(tcp, link) as live, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        with Live(tcp, other) as live, socket.create_connection(("127.0.0.1", other_port)) as sender:
             wait_until(lambda: "link_down" in live.names())
             for frame in frames:
-                sender.sendto(frame.data, (uri.host, uri.port))
+                sender.sendall(frame.data)
             wait_until(lambda: live.names().count("vehicle_seen") == 2)
             wait_until(lambda: "vehicle_lost" in live.names())
     lost = [event["link"] for event in live.events if event["event"] == "vehicle_lost"]

@@ -421,6 +421,7 @@ def test_a_pulled_cable_is_noticed(kind: str) -> None:
         assert waits_s <= 15
 
 
+@pytest.mark.slow  # it waits for longer and longer
 def test_who_leaves_at_once_is_not_asked_for_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """A server that takes each connection and closes it is tried less and less often, as one that is not there."""
     monkeypatch.setattr(loop, "FIRST_DELAY_S", 0.05)
@@ -459,6 +460,7 @@ def noise(dice: random.Random) -> bytes:
     return dice.randbytes(40)
 
 
+@pytest.mark.slow  # it listens for seconds
 @pytest.mark.parametrize("kind", ["serial", "udpin"])
 def test_bytes_without_a_frame_are_told_once(kind: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Of a serial device with the speeds to try; again only if there were frames in between."""

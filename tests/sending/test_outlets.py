@@ -158,6 +158,7 @@ def test_tcp_comes_back() -> None:
     assert [line.rpartition(": ")[2].partition(";")[0] for line in relay.said][1::2] == ["connected"] * 2
 
 
+@pytest.mark.slow  # 15 MB a case
 @pytest.mark.parametrize("kind", ["tcp", "tcpin"])
 def test_a_station_that_takes_nothing(kind: str) -> None:
     """The queue is bounded, nothing waits, drops are counted; when it reads again all that it gets are whole frames."""

@@ -2,6 +2,8 @@
 
 import contextlib
 import http.client
+import os
+import signal
 import subprocess
 import sys
 import time
@@ -128,17 +130,18 @@ def test_rerun_would_report_by_itself(home: Path) -> None:
         [*RERUN, "--serve-web", "--bind", "127.0.0.1", "--web-viewer-port", str(WEB_PORT), "--port", str(DATA_PORT)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        start_new_session=True,
     ) as process:
         try:
-            eventually(lambda: reports_kept(home), 20)
+            eventually(lambda: reports_kept(home))
         finally:
-            process.terminate()
+            os.killpg(process.pid, signal.SIGKILL)  # with the program that it starts
 
 
 @pytest.mark.slow
 def test_nothing_is_reported_by_what_the_bridge_starts(home: Path, served: tuple[int, int]) -> None:
     """Neither by the page's server nor by this process."""
-    time.sleep(2)
+    time.sleep(1)
     assert reports_kept(home) == []
 
 
