@@ -46,7 +46,10 @@ def _kernels() -> MachinePart:
         text = "compiled anew by every process: no folder can be written to keep them in"
         return MachinePart(state="mend", text=text, command="export GCS_BRIDGE_CACHE_DIR=~/.cache/gcs-bridge")
     text = f"{ready} of {all_of_them} are compiled, and kept in {kept_in}"
-    return MachinePart(state="good", text=text if ready == all_of_them else f"{text}; the rest is when it is needed")
+    if ready == all_of_them:
+        return MachinePart(state="good", text=text)
+    text += "; the next run compiles the others, which takes up to half a minute"
+    return MachinePart(state="mend", text=text, command="gcs-bridge demo --viewer none --duration 3")
 
 
 def _viewer() -> MachinePart:

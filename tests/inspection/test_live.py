@@ -153,6 +153,22 @@ def test_a_dead_link(kind: Callable[[], contextlib.AbstractContextManager[tuple[
     assert found.links[0].bytes == 0
 
 
+def test_a_link_that_goes() -> None:
+    """What came before is told, and that it went."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def act() -> None:
+            peer, _ = server.accept()
+            with peer:
+                for frame in FLIGHT:
+                    peer.sendall(frame.data)
+            server.close()
+
+        found = listened([NetworkUri("tcp", "127.0.0.1", server.getsockname()[1])], act)
+    assert "the other side has closed the connection" in advice(found, "link_down").text
+    assert (found.finding, found.links[0].frames) == ("good", len(FLIGHT))
+
+
 def test_a_wrong_speed() -> None:
     """Noise on a serial line: the speed that was read at, others to try, and the command for the likeliest."""
     noise = random.Random(3).randbytes(2000)

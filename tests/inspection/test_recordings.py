@@ -12,6 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_bridge.inspection.schema import Examination
+from gcs_bridge.jit.kernels import Kernel
 from gcs_bridge.mavlink.scanner import RawFrame
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
@@ -319,6 +320,14 @@ def test_this_machine_alone() -> None:
     assert {"kernels", "viewer", "importer", "groups", "modem_manager"} <= machine.keys()
     assert machine["kernels"]["state"] == "good"
     assert machine["viewer"]["text"].startswith("rerun ")
+
+
+def test_kernels_that_are_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How many there are, and what compiles them before they are needed."""
+    monkeypatch.setattr(Kernel, "is_ready", False)
+    part = examined().told["machine"]["kernels"]
+    assert (part["state"], part["command"]) == ("mend", "gcs-bridge demo --viewer none --duration 3")
+    assert part["text"].startswith("0 of ")
 
 
 # --- the text --------------------------------------------------------------------------------------------------------

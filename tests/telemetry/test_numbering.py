@@ -44,7 +44,8 @@ def test_a_restart_is_of_one_link() -> None:
 
 def test_outages_are_of_one_link() -> None:
     """A hundred times nothing comes for a while: each fourth or so leads back to numbers that came just before."""
-    dice, seq, seqs = random.Random(5), 0, []
+    dice, seq = random.Random(5), 0
+    seqs: list[int] = []
     for _ in range(100):
         seqs += range(seq, seq + 80)
         seq += 80 + dice.randrange(20, 5000)
