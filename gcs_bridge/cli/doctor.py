@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gcs_bridge.cli.live_run import refuse_not_positive, warm_up
+from gcs_bridge.cli.signing_options import key_of, signing_key_option
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import UsageError
 from gcs_bridge.recordings.open import READERS
@@ -17,6 +18,7 @@ from gcs_bridge.recordings.open import READERS
 if TYPE_CHECKING:  # loaded when there is something to examine
     from gcs_bridge.inspection.heard import Heard, Refused
     from gcs_bridge.links.uri import Uri
+    from gcs_bridge.mavlink.signing import SigningKey
     from gcs_bridge.settings import Settings
 
 __all__ = ["doctor"]
@@ -31,6 +33,7 @@ _STYLES = {r"\bGOOD\b": "bold green", r"\b(MISSING|TO MEND)\b": "bold yellow", r
 )
 @click.option("--format", "form", type=click.Choice(["text", "json"]), default="text", help="Of the result.  [text]")
 @click.option("--baud", type=click.IntRange(min=1), default=115200, metavar="N", help="Of serial devices.  [115200]")
+@signing_key_option
 @click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
 @click.option(
     "--config", type=click.Path(path_type=Path, readable=False), metavar="FILE", help="TOML with settings of your own."
@@ -44,6 +47,7 @@ def doctor(
     duration_s: float | None,
     form: str,
     baud: int,
+    signing_key_file: Path | None,
     profile: str,
     config: Path | None,
     dialect: str,
@@ -63,6 +67,7 @@ def doctor(
     """
     from gcs_bridge.settings import load_settings
 
+    key = key_of(signing_key_file, None)
     refuse_not_positive("--duration", duration_s)
     settings = load_settings(profile, config)
     files = [one for one in sources if _is_file(one)]
@@ -76,8 +81,8 @@ def doctor(
 
     open_dialect(dialect)
     found = [
-        *_read(files, settings, dialect, quiet=quiet),
-        *_listened(uris, settings, dialect, duration_s, quiet=quiet),
+        *_read(files, settings, dialect, key, quiet=quiet),
+        *_listened(uris, settings, dialect, key, duration_s, quiet=quiet),
     ]
     failures = [one.error for one in found if isinstance(one, Refused) and one.kind == RECORDING]
     for failure in failures:
@@ -110,7 +115,9 @@ def _parsed(sources: Sequence[str], baud: int) -> list[Uri]:
     return uris
 
 
-def _read(files: Sequence[str], settings: Settings, dialect: str, *, quiet: bool) -> list[Heard | Refused]:
+def _read(
+    files: Sequence[str], settings: Settings, dialect: str, key: SigningKey | None, *, quiet: bool
+) -> list[Heard | Refused]:
     if not files:
         return []
     from gcs_bridge.inspection.listening import read
@@ -119,13 +126,19 @@ def _read(files: Sequence[str], settings: Settings, dialect: str, *, quiet: bool
     found = []
     with ProgressBar(total_bytes=sum(sizes), enabled=not quiet) as progress:
         for file, size in zip(files, sizes, strict=True):
-            found.append(read(Path(file), settings, dialect, progress))
+            found.append(read(Path(file), settings, dialect, progress, signing_key=key))
             progress.file_done(size)
     return found
 
 
 def _listened(
-    uris: Sequence[Uri], settings: Settings, dialect: str, duration_s: float | None, *, quiet: bool
+    uris: Sequence[Uri],
+    settings: Settings,
+    dialect: str,
+    key: SigningKey | None,
+    duration_s: float | None,
+    *,
+    quiet: bool,
 ) -> list[Heard | Refused]:
     if not uris:
         return []
@@ -145,4 +158,5 @@ def _listened(
             duration_s=seconds,
             stop=lambda: stop.asked,
             note=lambda text: complain(text, kind="note"),
+            signing_key=key,
         )

@@ -19,7 +19,7 @@ from gcs_bridge.errors import UsageError
 if TYPE_CHECKING:  # loaded where there is a key
     from gcs_bridge.mavlink.signing import SigningKey
 
-__all__ = ["key_of", "signing_options"]
+__all__ = ["key_of", "signing_key_option", "signing_options"]
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 _KEY_BYTES, _HEX_DIGITS = 32, 64
@@ -39,6 +39,11 @@ def signing_options(command: _Command) -> _Command:
         type=click.Choice(["accept", "flag", "reject"]),
         help="What is done with frames not signed by that key: used, used and told of, not used.  [flag]",
     )(command)
+    return signing_key_option(command)
+
+
+def signing_key_option(command: _Command) -> _Command:
+    """Give a command the first of them alone."""
     return click.option(
         "--signing-key-file",
         type=click.Path(path_type=Path, readable=False),

@@ -226,9 +226,17 @@ def _signing(heard: Heard, vehicles: Sequence[Vehicle], stations: Sequence[Stati
                 f"signing is {vehicle.signing.text}: it was set up meanwhile, or somebody else sends under its number"
             )
             yield _of(heard, "mixed_signing", "advice", text, vehicle=vehicle)
-        elif vehicle.signing.state == "signed":
-            text = "its frames are signed; without the key nobody knows whether rightly"
+        elif vehicle.signing.state == "signed" and vehicle.signing.verified is None:
+            text = "its frames are signed; without the key nobody knows whether rightly (--signing-key-file FILE)"
             yield _of(heard, "signed", "note", text, vehicle=vehicle)
+        signed, verified, wrong = vehicle.signing.signed, vehicle.signing.verified, vehicle.signing.wrong
+        if wrong:
+            text = f"{wrong} of {signed} signatures are by another key, or their frames were changed"
+            yield _of(heard, "wrong_signatures", "wrong", text, vehicle=vehicle)
+        if verified is not None and wrong is not None and verified + wrong < signed:
+            text = f"{signed - verified - wrong} of {signed} signatures are right and their times had passed: frames "
+            text += "that came again, or the sender's clock was set back"
+            yield _of(heard, "old_signatures", "advice", text, vehicle=vehicle)
     everybody: list[Vehicle | Station] = [*vehicles, *stations]
     if any("SETUP_SIGNING" in one.messages for one in everybody):
         text = (

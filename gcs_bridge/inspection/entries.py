@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from gcs_bridge.events import utc
 from gcs_bridge.inspection.heard import Heard
-from gcs_bridge.inspection.schema import Ask, Clock, Loss, Message, Missing, Signing, Station, Vehicle
+from gcs_bridge.inspection.schema import Ask, Clock, Loss, Message, Missing, Signing, SigningState, Station, Vehicle
 from gcs_bridge.mavlink.requests import request_command
 from gcs_bridge.report import schema
 from gcs_bridge.report.rows import in_percent, in_seconds
@@ -142,13 +142,21 @@ def _even(judged: schema.Vehicle, share: float) -> str | None:
 
 
 def _signing(seen: ComponentSeen) -> Signing:
-    unsigned = seen.frames - seen.signed
-    if not seen.signed:
-        return Signing(state="unsigned", signed=0, unsigned=unsigned, text="unsigned")
-    if not unsigned:
-        return Signing(state="signed", signed=seen.signed, unsigned=0, text="signed, not verified")
-    text = f"mixed: {seen.signed} of {seen.frames} frames are signed, not verified"
-    return Signing(state="mixed", signed=seen.signed, unsigned=unsigned, text=text)
+    worth = "not verified" if seen.held is None else f"{seen.held} of {seen.signed} signatures verified"
+    said: dict[SigningState, str] = {
+        "unsigned": "unsigned",
+        "signed": f"signed, {worth}",
+        "mixed": f"mixed: {seen.signed} of {seen.frames} frames are signed, {worth}",
+    }
+    state: SigningState = "unsigned" if not seen.signed else "signed" if seen.signed == seen.frames else "mixed"
+    return Signing(
+        state=state,
+        signed=seen.signed,
+        unsigned=seen.frames - seen.signed,
+        verified=seen.held,
+        wrong=seen.wrong,
+        text=said[state],
+    )
 
 
 def _clock(boots: tuple[schema.Boot, ...], said: UtcSaid | None) -> Clock:

@@ -17,6 +17,7 @@ from gcs_bridge.links.link import DatagramLink, Link
 from gcs_bridge.links.loop import listen
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.uri import SerialUri, Uri
+from gcs_bridge.mavlink.signing import SigningKey, Unsigned
 from gcs_bridge.recordings.ahead import ahead
 from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.settings import Settings
@@ -25,11 +26,18 @@ __all__ = ["listen_to", "read"]
 _SYSTEMS = range(1, 256)
 
 
-def read(path: Path, settings: Settings, dialect: str, progress: Callable[[int, int], None]) -> Heard | Refused:
+def read(
+    path: Path,
+    settings: Settings,
+    dialect: str,
+    progress: Callable[[int, int], None],
+    *,
+    signing_key: SigningKey | None = None,
+) -> Heard | Refused:
     """A recording, to its end; `progress` is told bytes done and in all."""
     name = readable(str(path))
     told: list[Event] = []
-    monitor = Monitor(settings=settings, dialect=dialect, census=True)
+    monitor = _monitor(settings, dialect, signing_key)
 
     try:
         with open_recording(path, dialect) as source:
@@ -53,6 +61,7 @@ def listen_to(
     duration_s: float,
     stop: Callable[[], bool],
     note: Callable[[str], None],
+    signing_key: SigningKey | None = None,
 ) -> list[Heard | Refused]:
     """Links, for `duration_s` or until `stop` says so, all at once; nothing is sent."""
     opened: list[Link] = []
@@ -70,7 +79,7 @@ def listen_to(
             numbers[place] = len(opened)
             opened.append(link)
             found.append(None)
-        monitor = Monitor(settings=settings, dialect=dialect, census=True)
+        monitor = _monitor(settings, dialect, signing_key)
         told: list[Event] = []
         since_s = time.monotonic()
         if opened:
@@ -95,6 +104,12 @@ def listen_to(
             addresses=_addresses(link),
         )
     return [one for one in found if one is not None]
+
+
+def _monitor(settings: Settings, dialect: str, signing_key: SigningKey | None) -> Monitor:
+    """One that counts; whatever signatures come to, no frame is left out."""
+    unsigned: Unsigned | None = None if signing_key is None else "accept"
+    return Monitor(settings=settings, dialect=dialect, census=True, signing_key=signing_key, unsigned=unsigned)
 
 
 def _is_of(event: Event, number: int, name: str) -> bool:

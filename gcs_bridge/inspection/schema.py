@@ -83,14 +83,13 @@ class Loss(Struct, frozen=True, kw_only=True):
 
 
 class Signing(Struct, frozen=True, kw_only=True):
-    """Whether the frames carry signatures; none is verified without the key."""
+    """Whether the frames carry signatures, and what these are worth by the key that was given."""
 
     state: SigningState
     signed: int
     unsigned: int
-    verified: Annotated[int | None, Meta(description="signatures that were found right; null: none was looked at")] = (
-        None
-    )
+    verified: Annotated[int | None, Meta(description="signatures that are right and new; null: no key was given")]
+    wrong: Annotated[int | None, Meta(description="signatures that are not right; null: no key was given")]
     text: Words
 
 

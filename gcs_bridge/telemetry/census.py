@@ -21,6 +21,7 @@ from gcs_bridge.mavlink.decode import decode
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
 from gcs_bridge.mavlink.scanner import Scanner
+from gcs_bridge.mavlink.signing import Outcome, Outcomes
 from gcs_bridge.telemetry.asks import ASKS, Ask, asks_in
 from gcs_bridge.telemetry.link_clock import SET_BACK_US
 from gcs_bridge.telemetry.numbering import Numbering
@@ -60,13 +61,18 @@ class UtcSaid(NamedTuple):
 
 
 class ComponentSeen(NamedTuple):
-    """What came of one component; `lost` by its sequence numbers, of which `numbering` tells what they are worth."""
+    """What came of one component; `lost` by its sequence numbers, of which `numbering` tells what they are worth.
+
+    `held`: signatures that are right and new, `wrong`: that are not right; None where there is no key.
+    """
 
     sysid: int
     compid: int
     frames: int
     copies: int
     signed: int
+    held: int | None
+    wrong: int | None
     mavlink1: int
     lost: int
     numbering: Numbering
@@ -139,7 +145,7 @@ class _Component:
     """One (system, component)."""
 
     def __init__(self) -> None:
-        self.frames = self.copies = self.signed = self.mavlink1 = self.verified = self.lost = 0
+        self.frames = self.copies = self.signed = self.held = self.wrong = self.mavlink1 = self.verified = self.lost = 0
         self.messages: dict[int, _Message] = {}
         self.numbering = Numbering()
         self.firmware: str | None = None
@@ -154,6 +160,7 @@ class Census:
         self._dialect = dialect
         self._components: dict[int, _Component] = {}
         self._asks: Counter[Ask] = Counter()
+        self._verifies = False
 
     def take(self, scanner: Scanner) -> None:
         """Take the frames that the scanner found in its last call."""
@@ -161,11 +168,15 @@ class Census:
         if not len(frames):
             return
         mavlink1, signed = scanner.heads()
+        outcomes = scanner.outcomes
+        self._verifies = outcomes is not None
+        if outcomes is None:
+            outcomes = np.full(len(frames), Outcome.UNKNOWN, np.int8)
         address = frames["sysid"].astype(np.int64) << 8 | frames["compid"]
         key = address << 24 | frames["msgid"]
         order = np.argsort(key, kind="stable")
         for rows in _runs(order, key[order] >> 24):
-            self._count(int(address[rows[0]]), frames, np.sort(rows), mavlink1, signed)
+            self._count(int(address[rows[0]]), frames, np.sort(rows), mavlink1, signed, outcomes)
         for rows in _runs(order, key[order]):
             first = frames[rows[0]]
             of = self._components[int(address[rows[0]])]
@@ -180,7 +191,9 @@ class Census:
                 fresh = rows[~copy & (frames["verified"][rows] == 1)]
                 self._hear(name or "", of, int(address[rows[0]]), scanner.buffer, frames[fresh])
 
-    def _count(self, address: int, frames: Frames, rows: Int64s, mavlink1: Mask, signed: Mask) -> None:
+    def _count(
+        self, address: int, frames: Frames, rows: Int64s, mavlink1: Mask, signed: Mask, outcomes: Outcomes
+    ) -> None:
         of = self._components.setdefault(address, _Component())
         copy = frames["duplicate"][rows] != 0
         of.frames += len(rows)
@@ -188,6 +201,8 @@ class Census:
         of.verified += int(np.count_nonzero(frames["verified"][rows]))
         of.mavlink1 += int(np.count_nonzero(mavlink1[rows]))
         of.signed += int(np.count_nonzero(signed[rows]))
+        of.held += int(np.count_nonzero(outcomes[rows] == Outcome.HOLDS))
+        of.wrong += int(np.count_nonzero(outcomes[rows] == Outcome.WRONG))
         of.lost = int(frames["lost"][rows[-1]])
         of.numbering.add(frames["seq"][rows[~copy]])
 
@@ -222,6 +237,8 @@ class Census:
                 frames=of.frames,
                 copies=of.copies,
                 signed=of.signed,
+                held=of.held if self._verifies else None,
+                wrong=of.wrong if self._verifies else None,
                 mavlink1=of.mavlink1,
                 lost=of.lost,
                 numbering=of.numbering,

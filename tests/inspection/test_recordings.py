@@ -259,8 +259,29 @@ def test_a_signed_link(tmp_path: Path) -> None:
         "signed": 255,
         "unsigned": 0,
         "verified": None,
+        "wrong": None,
         "text": "signed, not verified",
     }
+
+
+def test_signatures_are_verified_by_a_key(tmp_path: Path) -> None:
+    """By the one that they were made with none is wrong, by another all are; ArduPilot set its clock back meanwhile.
+
+    So 30 of them do not hold, as pymavlink judges too: see tests/mavlink/test_signing.py.
+    """
+    key_file = tmp_path / "key"
+    for key, wrong, code in ((bytes(range(32)), False, 0), (bytes(32), True, 1)):
+        key_file.write_bytes(key)
+        key_file.chmod(0o600)
+        found = examined(FIXTURES / "g_signed.tlog", "--signing-key-file", str(key_file))
+        signing = found.vehicle()["signing"]
+        assert signing["signed"] > 3000
+        assert signing["wrong"] == (signing["signed"] if wrong else 0)
+        assert signing["signed"] - signing["wrong"] - signing["verified"] == (0 if wrong else 30)
+        assert [one for one in found.codes if one.endswith("_signatures")] == [
+            ("wrong" if wrong else "old") + "_signatures"
+        ]
+        assert found.code == code
 
 
 # --- what cannot be used ---------------------------------------------------------------------------------------------
