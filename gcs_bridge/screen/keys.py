@@ -60,7 +60,7 @@ HELP = (
     "r  Ctrl-L        draw the screen anew",
     "q  Ctrl-C        end, with the summary",
     "Ctrl-Z           stop, until fg; nothing is heard meanwhile",
-    "?                this page, and back",
+    "?                this page; any key leaves it",
     "",
     "▲ WARNING   act at once: an alarm in reports and events",
     "■ CAUTION   know at once, act later: a warning in reports and events",

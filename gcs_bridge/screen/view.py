@@ -182,7 +182,10 @@ class View(Sink):
             self._terminal.write(b"\a")
 
     def _do(self, key: Key) -> None:
-        """Do what a key is for."""
+        """Do what a key is for; on the page of help it takes that away, and does nothing that is not seen."""
+        if self._shows_help and key is not Key.QUIT:
+            self._shows_help = False
+            return
         match key:
             case Key.NEXT_VEHICLE | Key.PREVIOUS_VEHICLE:
                 vehicles = [id_of(vehicle) for vehicle in self._snapshot.vehicles]
@@ -208,7 +211,7 @@ class View(Sink):
             case Key.REDRAW:
                 self._painter.forget()
             case Key.HELP:
-                self._shows_help = not self._shows_help
+                self._shows_help = True
             case Key.QUIT:
                 self._end()
 
