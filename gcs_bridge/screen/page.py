@@ -94,7 +94,7 @@ def _parts(scene: Scene, body: Region, *, framed: bool) -> list[tuple[int, _Part
     chips = 0 if framed else min(chip_rows(scene.snapshot.vehicles, body.width), 4)
     alerts, about = len(scene.alerts), 6 if _about(scene) else 0
     is_small, is_large = body.height < 12 or body.width < NUMBERS_WIDTH, body.height >= 30
-    attitude = _Part(1, 1, _draw_brief) if is_small else _Part(9, 24 if is_large else 10, _draw_attitude)
+    attitude = _Part(1, 1, _draw_brief) if is_small else _Part(9, max(10, body.height * 2 // 5), _draw_attitude)
     plotted = _Part(4, 12 if is_large else 6, _draw_disagreement)
     parts = [
         (6, _Part(chips, chips, _draw_fleet)),
@@ -103,7 +103,7 @@ def _parts(scene: Scene, body: Region, *, framed: bool) -> list[tuple[int, _Part
         (5, plotted if body.height >= 16 else _Part(1, 1, _draw_disagreement)),
         (1, _Part(min(max(alerts, 1), 3), max(alerts, 1), _draw_alerts)),
         (7, _Part(2 if about and body.height >= 20 else 0, about, _draw_about)),
-        (8, _Part(0, body.height, _draw_log)),
+        (8, _Part(4 if is_large else 0, body.height, _draw_log)),
     ]
     if framed:
         return parts

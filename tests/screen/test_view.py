@@ -172,6 +172,7 @@ def test_the_bell_rings_until_somebody_has_seen_it(monkeypatch: pytest.MonkeyPat
 def test_what_is_told_is_clean(monkeypatch: pytest.MonkeyPatch) -> None:
     """Text from the air cannot speak to the terminal."""
     with desk(monkeypatch) as at:
+        at.press(b"")
         monkeypatch.setattr(at.view, "_line", lambda event: "evil \x1b]0;x\x07 \x1b[2J 航")
         at.press(b"a")
         shown = at.press(b"r")
