@@ -156,7 +156,7 @@ class LiveRun:
             stack.callback(links[-1].close)
         station = self._station(stack, links, asked)
         names = [link.name for link in links]
-        shown, view = self._shown(title, names)
+        shown, view = self._shown(stack, title, names)
         sinks = Sinks([*self._opened(stack, title, names), *shown, *station, *more])
         hangup = stack.enter_context(Hangup(sinks.reopen, stop.ask))
         errands: list[Errand] = [*station, notifier, hangup, *([view] if view else [])]
@@ -212,7 +212,7 @@ class LiveRun:
             stack.callback(sinks[-1].close)
         return sinks
 
-    def _shown(self, title: str, links: Sequence[str]) -> tuple[list[Sink], View | None]:
+    def _shown(self, stack: ExitStack, title: str, links: Sequence[str]) -> tuple[list[Sink], View | None]:
         """What people see, where standard output is free; and the same if it is a view on the terminal."""
         if self._stdout_is_taken:
             return [], None
@@ -227,6 +227,9 @@ class LiveRun:
             plain=options.plain,
             bell=options.bell,
         )
+        if view is not None:
+            stack.callback(view.close)
+            view.catch_notes()
         return [shown], view
 
 

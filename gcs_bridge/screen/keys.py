@@ -66,7 +66,6 @@ HELP = (
     "■ CAUTION   know at once, act later: a warning in reports and events",
     "● ADVISORY  know: silent, lost, NO COMPARE, INOP",
     "An alarm is not ack'd, acknowledged, or gone and not ack'd; or shelved.",
-    "",
     "Roll, pitch and yaw take the vehicle's body (FRD) to the world (NED).",
 )
 # What a key sends: CSI and SS3 sequences, of which the latter are cursor keys in another mode, else one character.

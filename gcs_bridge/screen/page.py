@@ -70,7 +70,9 @@ def draw_page(canvas: Canvas, scene: Scene) -> None:
     whole = canvas.whole
     if scene.shows_help:
         _draw_title(whole.part(0, 0, whole.width, 1), scene)
-        for y, line in enumerate(HELP, 2):
+        notes = [f"Told: {line.text}" for line in scene.memory.lines if line.is_note]
+        wrapped = [part for note in notes for part in textwrap.wrap(note, max(whole.width - 2, 8))]
+        for y, line in enumerate((*HELP, *wrapped), 2):
             whole.put_cut(1, y, line)
         return
     several = len(scene.snapshot.vehicles) > 1
@@ -143,6 +145,10 @@ def _draw_title(region: Region, scene: Scene) -> None:
             said = f" {look.sign} {counts[level]} {look.word if region.width >= 40 else look.short} "
             x -= len(said) + 1
             region.put(x, 0, said, look.role if is_new else look.seen)
+    if down := sum(not link.is_open for link in scene.snapshot.links):
+        said = f" {down} LINK{'S' if down > 1 else ''} DOWN "
+        x -= len(said) + 1
+        region.put(x, 0, said, Role.CAUTION)
     region.part(0, 0, max(x - 1, 0), 1).put_cut(1, 0, f"gcs-bridge  {scene.title}", Role.TITLE)
 
 

@@ -91,10 +91,18 @@ class View(Sink):
         self._watched, self._tell, self._end = watched, tell, end
         try:
             with self._terminal:
-                self._stray.catch()
+                self.catch_notes()
                 yield
         finally:
-            self._stray.release()
+            self.close()
+
+    def catch_notes(self) -> None:
+        """Show from now on what would go to standard error: what is told before it draws would be hidden behind it."""
+        self._stray.catch()
+
+    def close(self) -> None:
+        """Write to standard error what would have gone there."""
+        self._stray.release()
 
     def events(self, events: Sequence[Event]) -> None:
         """Keep what they tell, and ring for an alarm."""

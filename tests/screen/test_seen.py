@@ -205,6 +205,7 @@ def test_plain_lines() -> None:
         terminal.type(fleet.listen("--plain --duration 3"))
         shown = terminal.wait_for("vehicle seen", "ATTITUDE started", "1 vehicle, no alarm")
         assert "←→" not in shown
-        terminal.type(fleet.listen("--duration 2 | cat -v; echo piped"))
-        shown = terminal.wait_for("piped\n", "AGREE")
+        terminal.type("clear")
+        terminal.type(fleet.listen("--duration 3 | cat -v; echo pi''ped"))
+        shown = terminal.wait_for("vehicle seen", "1 vehicle, no alarm", "piped")
         assert "^[" not in shown
