@@ -160,7 +160,7 @@ class LiveRun:
         station = self._station(stack, links, task.asked)
         metrics = self._metrics(stack, links, task.metrics_port)
         names = [link.name for link in links]
-        shown, view = self._shown(task.title, names)
+        shown, view = self._shown(stack, task.title, names)
         sinks = Sinks([*self._opened(stack, task.title, names), *shown, *station, *metrics, *task.sinks])
         hangup = stack.enter_context(Hangup(sinks.reopen, stop.ask))
         errands: list[Errand] = [*station, *metrics, notifier, hangup, *([view] if view else [])]
@@ -234,7 +234,7 @@ class LiveRun:
             stack.callback(sinks[-1].close)
         return sinks
 
-    def _shown(self, title: str, links: Sequence[str]) -> tuple[list[Sink], View | None]:
+    def _shown(self, stack: ExitStack, title: str, links: Sequence[str]) -> tuple[list[Sink], View | None]:
         """What people see, where standard output is free; and the same if it is a view on the terminal."""
         if self._stdout_is_taken:
             return [], None
@@ -249,6 +249,9 @@ class LiveRun:
             plain=options.plain,
             bell=options.bell,
         )
+        if view is not None:
+            stack.callback(view.close)
+            view.catch_notes()
         return [shown], view
 
 

@@ -156,7 +156,7 @@ def _advisories(vehicle: VehicleNow, *, is_lost: bool) -> Iterator[Alert]:
             text = f"{words} now: {', '.join(names)}"
             yield Alert(key=AlertKey(key, "", words), level=Level.ADVISORY, text=text, state="")
     if vehicle.verdict == "no_compare":
-        text = "NO COMPARE: its attitude was compared with nothing yet"
+        text = "NO COMPARE: not enough of its attitude was compared yet"
         yield Alert(key=AlertKey(key, "", "never"), level=Level.ADVISORY, text=text, state="")
 
 

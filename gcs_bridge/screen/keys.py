@@ -60,13 +60,12 @@ HELP = (
     "r  Ctrl-L        draw the screen anew",
     "q  Ctrl-C        end, with the summary",
     "Ctrl-Z           stop, until fg; nothing is heard meanwhile",
-    "?                this page, and back",
+    "?                this page; any key leaves it",
     "",
     "▲ WARNING   act at once: an alarm in reports and events",
     "■ CAUTION   know at once, act later: a warning in reports and events",
     "● ADVISORY  know: silent, lost, NO COMPARE, INOP",
     "An alarm is not ack'd, acknowledged, or gone and not ack'd; or shelved.",
-    "",
     "Roll, pitch and yaw take the vehicle's body (FRD) to the world (NED).",
 )
 # What a key sends: CSI and SS3 sequences, of which the latter are cursor keys in another mode, else one character.

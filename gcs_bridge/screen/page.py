@@ -70,7 +70,9 @@ def draw_page(canvas: Canvas, scene: Scene) -> None:
     whole = canvas.whole
     if scene.shows_help:
         _draw_title(whole.part(0, 0, whole.width, 1), scene)
-        for y, line in enumerate(HELP, 2):
+        notes = [f"Told: {line.text}" for line in scene.memory.lines if line.is_note]
+        wrapped = [part for note in notes for part in textwrap.wrap(note, max(whole.width - 2, 8))]
+        for y, line in enumerate((*HELP, *wrapped), 2):
             whole.put_cut(1, y, line)
         return
     several = len(scene.snapshot.vehicles) > 1
@@ -94,7 +96,7 @@ def _parts(scene: Scene, body: Region, *, framed: bool) -> list[tuple[int, _Part
     chips = 0 if framed else min(chip_rows(scene.snapshot.vehicles, body.width), 4)
     alerts, about = len(scene.alerts), 6 if _about(scene) else 0
     is_small, is_large = body.height < 12 or body.width < NUMBERS_WIDTH, body.height >= 30
-    attitude = _Part(1, 1, _draw_brief) if is_small else _Part(9, 24 if is_large else 10, _draw_attitude)
+    attitude = _Part(1, 1, _draw_brief) if is_small else _Part(9, max(10, body.height * 2 // 5), _draw_attitude)
     plotted = _Part(4, 12 if is_large else 6, _draw_disagreement)
     parts = [
         (6, _Part(chips, chips, _draw_fleet)),
@@ -103,7 +105,7 @@ def _parts(scene: Scene, body: Region, *, framed: bool) -> list[tuple[int, _Part
         (5, plotted if body.height >= 16 else _Part(1, 1, _draw_disagreement)),
         (1, _Part(min(max(alerts, 1), 3), max(alerts, 1), _draw_alerts)),
         (7, _Part(2 if about and body.height >= 20 else 0, about, _draw_about)),
-        (8, _Part(0, body.height, _draw_log)),
+        (8, _Part(4 if is_large else 0, body.height, _draw_log)),
     ]
     if framed:
         return parts
@@ -143,6 +145,10 @@ def _draw_title(region: Region, scene: Scene) -> None:
             said = f" {look.sign} {counts[level]} {look.word if region.width >= 40 else look.short} "
             x -= len(said) + 1
             region.put(x, 0, said, look.role if is_new else look.seen)
+    if down := sum(not link.is_open for link in scene.snapshot.links):
+        said = f" {down} LINK{'S' if down > 1 else ''} DOWN "
+        x -= len(said) + 1
+        region.put(x, 0, said, Role.CAUTION)
     region.part(0, 0, max(x - 1, 0), 1).put_cut(1, 0, f"gcs-bridge  {scene.title}", Role.TITLE)
 
 

@@ -62,7 +62,9 @@ class Terminal:
         return None
 
     def __enter__(self) -> Self:
-        self._handler = signal.signal(signal.SIGTSTP, self._on_stop)
+        self._handler = signal.getsignal(signal.SIGTSTP)
+        if self._handler is not signal.SIG_IGN:  # who started us would not know how to go on
+            signal.signal(signal.SIGTSTP, self._on_stop)
         self.resume()
         return self
 

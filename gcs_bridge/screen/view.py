@@ -91,10 +91,18 @@ class View(Sink):
         self._watched, self._tell, self._end = watched, tell, end
         try:
             with self._terminal:
-                self._stray.catch()
+                self.catch_notes()
                 yield
         finally:
-            self._stray.release()
+            self.close()
+
+    def catch_notes(self) -> None:
+        """Show from now on what would go to standard error: what is told before it draws would be hidden behind it."""
+        self._stray.catch()
+
+    def close(self) -> None:
+        """Write to standard error what would have gone there."""
+        self._stray.release()
 
     def events(self, events: Sequence[Event]) -> None:
         """Keep what they tell, and ring for an alarm."""
@@ -182,7 +190,10 @@ class View(Sink):
             self._terminal.write(b"\a")
 
     def _do(self, key: Key) -> None:
-        """Do what a key is for."""
+        """Do what a key is for; on the page of help it takes that away, and does nothing that is not seen."""
+        if self._shows_help and key is not Key.QUIT:
+            self._shows_help = False
+            return
         match key:
             case Key.NEXT_VEHICLE | Key.PREVIOUS_VEHICLE:
                 vehicles = [id_of(vehicle) for vehicle in self._snapshot.vehicles]
@@ -208,7 +219,7 @@ class View(Sink):
             case Key.REDRAW:
                 self._painter.forget()
             case Key.HELP:
-                self._shows_help = not self._shows_help
+                self._shows_help = True
             case Key.QUIT:
                 self._end()
 

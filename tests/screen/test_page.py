@@ -130,6 +130,23 @@ def test_silence_never_looks_like_health() -> None:
     assert "apart: not compared yet" in drawn(scene([never])).text()
 
 
+def test_a_link_that_is_down_is_told_at_the_top() -> None:
+    """Whatever its vehicles showed last."""
+    of = scene([vehicle()])
+    down = replace(of.snapshot, links=tuple(replace(link, is_open=False) for link in of.snapshot.links))
+    assert "1 LINK DOWN" in drawn(scene([vehicle()], snapshot=down)).text().splitlines()[0]
+    assert "DOWN" not in drawn(of).text()
+
+
+def test_what_was_told_before_stands_on_the_page_of_help() -> None:
+    """The whole of it, as the address at which the viewer is, which no row of events has room for."""
+    memory = Memory()
+    address = "http://127.0.0.1:9090/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9876%2Fproxy&hide_welcome_screen"
+    memory.tell(f"gcs-bridge: note: viewer: open {address}", is_note=True)
+    shown = drawn(scene([vehicle()], memory=memory, shows_help=True), 80, 30).text()
+    assert address in "".join(line.strip() for line in shown.splitlines())
+
+
 def test_what_is_no_number_is_no_zero() -> None:
     """NaN on the wire is a question mark."""
     nan = float("nan")
