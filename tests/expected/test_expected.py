@@ -475,7 +475,7 @@ def test_a_sign_that_turns_wrong_while_nothing_moves_is_a_fault() -> None:
 def test_a_trim_that_changes_untold_is_told_from_a_fault_by_bank(
     was_deg: float | None, roll_deg: float, share: float
 ) -> None:
-    """Behind agreement a new difference is a trim only where bank tells, whether the old one was told: level a fault."""
+    """Behind agreement a new difference is a trim only where bank tells, the old one told or not: level a fault."""
     rpy = weaving(300, roll_deg)
     trim = np.radians(np.where(np.arange(300) < 150, was_deg or 0.0, 3.0))
     sent = rpy - np.column_stack((0 * trim, trim, 0 * trim))
