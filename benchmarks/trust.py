@@ -231,8 +231,8 @@ def show_recordings(flown: dict[str, list[tuple[Link, Flown]]]) -> None:
 
 
 def promised(link: Link) -> bool:
-    """Whether coverage is promised; of attitudes that never share an instant it is not, nor are there pairs of one."""
-    return link.rate_hz >= COVERED_FROM_HZ and not link.shares_no_instant
+    """Whether coverage is promised: not of attitudes that share no instant, nor while others come in their place."""
+    return link.rate_hz >= COVERED_FROM_HZ and not link.shares_no_instant and link.trouble != "transfer"
 
 
 def _armed_share(of: Coverage) -> float:

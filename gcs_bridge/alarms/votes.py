@@ -100,6 +100,14 @@ def vote(votes: Any, a: Any, frame_index: Any, t_us: Any, value: Any, limit: Any
 
 
 @helper
+def forget_samples(votes: Any, a: Any) -> Any:
+    """The samples of the alarm `a` so far have no vote any more: today they would be judged otherwise."""
+    for i in range(votes.alarm[a].counted_samples):
+        votes.recent[a, i, _IS_BAD], votes.recent[a, i, _IS_LOW] = 0.0, 1.0
+    votes.alarm[a].high = 0
+
+
+@helper
 def _count(votes: Any, a: Any, frame_index: Any, at: Any, bad: Any, low: Any, detail: Any) -> Any:
     """Take the alarm's latest sample among the recent ones, at place `at`, and see what they say together."""
     alarm, recent = votes.alarm[a], votes.recent[a]

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from gcs_bridge.alarms.votes import Ballot, Votes, vote
+from gcs_bridge.alarms.votes import Ballot, Votes, forget_samples, vote
 from gcs_bridge.attitude.compiled import put, ray_at
 from gcs_bridge.attitude.quaternion import angle_of, conjugated, length, logarithm, product, tilt_heading_of, turned
 from gcs_bridge.checks.base import Check, Numbers, Watched, is_known, row_at
@@ -64,6 +64,7 @@ _MEMORY = np.dtype(
         ("bad_us", "i8"),  # the latest bad pair
         ("onset_us", "i8"),  # of the present disagreement
         ("explained", "f8"),  # how often what differs on purpose had been found by then
+        ("spoken_for", "f8"),  # and when a pair last agreed
     ]
 )
 
@@ -301,6 +302,10 @@ def judge_pairs(
         if found.counted[i]:
             of.counted += 1
             of.bad += angle > limit
+            if angle <= limit and of.spoken_for != held_at(explained, pairs.frame_index[i]):
+                # It agrees with what was found meanwhile: so would those have done that were judged without it.
+                of.spoken_for = held_at(explained, pairs.frame_index[i])
+                forget_samples(votes, places[0])
             detail = _detail(found, i, row_at(found.rotvec_body, i))
             vote(votes, places[0], pairs.frame_index[i], pairs.t_boot_us[i], angle, limit, detail)
         means = np.isfinite(found.rotvec_body[i, 0])

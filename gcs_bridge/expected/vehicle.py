@@ -44,6 +44,7 @@ from gcs_bridge.telemetry.samples import AttitudeSamples, ImuSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 
 _CHANGE_RAD = math.radians(0.5)  # across a change by more there is no step of the vehicle
+_TOLD_LATE_US = 3_500_000  # a mode is told at once, and each second: of these a link may lose three
 
 
 class _StepBetween(NamedTuple):
@@ -159,13 +160,14 @@ class Expected:
         self._latest.unload(self._views[FORWARD])
         told, (forward, hover) = self._told, self._views
         before, could_hover, flew_forward = (told.view, told.autopilot), told.can_hover, told.custom_mode >= 0
+        latest = [int(of.t_us[-1]) for of in (self._latest.euler, self._latest.quaternion) if len(of)]
         told.take(what)
         if (told.view, told.autopilot) != before:
-            latest = [int(of.t_us[-1]) for of in (self._latest.euler, self._latest.quaternion) if len(of)]
             self._shown.change_mode(max(latest, default=None))
         if told.can_hover and not could_hover:
             self._shown.forget_latest()
-            told.view_refuted |= flew_forward and forward.denied  # what was there before comes from no VTOL mode
+            # What was there long before comes from no VTOL mode.
+            told.view_refuted |= flew_forward and forward.denied_for_us(max(latest, default=0)) > _TOLD_LATE_US
         self._expect()
         if told.can_hover and not could_hover:
             hover.take_over(forward)

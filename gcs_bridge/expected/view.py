@@ -72,7 +72,8 @@ class View:
         self.by_between = False  # it rests on pairs of neighbouring instants
         self.between = BetweenMemory()
         self.recent = self.sparse = NO_CLEAN_PAIRS  # the latest pairs, and one a second
-        self._denials = 0  # pairs in a row, up to the last one kept
+        self._denials = 0  # pairs in a row, up to the last one kept,
+        self._denied_since_us = 0  # from the first of them on
         self._scanned = (np.empty(0, np.int64), np.empty(0, np.int64))  # the same up to each pair scanned
 
     def start_boot(self) -> None:
@@ -103,10 +104,11 @@ class View:
         sure = self.fitted & AHRS_TRIM and not self.by_between
         return self.untold | (UNSURE if self.unsure else 0) | (TRIM_FITTED if sure else 0)
 
-    @property
-    def denied(self) -> bool:
-        """Whether the latest pairs deny the correction."""
-        return max(self._denials, self.between.denied) >= IN_A_ROW
+    def denied_for_us(self, now_us: int) -> int:
+        """For how long the latest pairs have denied the correction; 0: they do not."""
+        exact, between = self._denials >= IN_A_ROW, self.between.denied >= IN_A_ROW
+        since_us = [self._denied_since_us] * exact + [self.between.denied_since_us] * between
+        return now_us - min(since_us, default=now_us)
 
     @property
     def unsure(self) -> bool:
@@ -189,6 +191,8 @@ class View:
         self.settled |= bool(self._settling(pairs, agreements).any())
         self.learnt["is_banked"] |= _banking(pairs, agreements).any()
         self._denials, self.learnt["agreements"] = int(denials[-1]), agreements[-1]
+        if 0 < self._denials <= len(pairs):
+            self._denied_since_us = int(pairs.t_us[-self._denials])
         self.learnt["is_confirmed"] |= (agreements >= IN_A_ROW).any()
         self._test(pairs[denials == 0])
         seen = self.recent.then(pairs)

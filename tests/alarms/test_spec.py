@@ -72,12 +72,12 @@ def test_names_within_a_check() -> None:
 
 
 def test_which_alarms_have_another_unit_than_their_check() -> None:
-    """A share has no unit, whatever the check measures in; rates have theirs; what goes back and forth is counted."""
+    """A share has the unit 1, rates have theirs, what goes back and forth is counted; what only is so has none."""
     units = {check.name: check.unit for check in CHECKS}
     others = {(spec.id_part.split("-")[-1], spec.unit) for spec in SPECS if spec.unit != units[spec.check]}
     assert others == {
         *(("slope", "1"), ("turn", "deg/s"), ("impossible", "deg/s")),
-        *(("invalid", "1"), ("slow", "1"), ("senders", "times"), ("versions", "times")),
+        *(("invalid", ""), ("zero", ""), ("slow", "1"), ("senders", "times"), ("versions", "times")),
     }
 
 

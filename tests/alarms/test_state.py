@@ -490,3 +490,17 @@ def test_states_follow_one_another_as_the_standard_has_them(parts: list[tuple[in
             assert ms - pending_ms >= 1000
         if (state, following) == ("clearing", "returned"):
             assert ms - pending_ms >= 2000
+
+
+@pytest.mark.parametrize("forgotten", [False, True])
+def test_bad_samples_that_are_forgotten_raise_nothing(forgotten: bool) -> None:
+    """Three bad ones within 0.5 s, and a good one 1.1 s behind the last: the third vote and the on-delay raise it."""
+    alarm = Alarm(RULES)
+    alarm.feed(rated([(1000, BAD), (1250, BAD), (1500, BAD)]))
+    assert alarm.state is State.PENDING
+    if forgotten:
+        alarm.forget_samples()
+    alarm.feed(rated([(2600, GOOD)]))
+    assert alarm.state is (State.NORMAL if forgotten else State.RAISED)
+    alarm.feed(rated([(2700 + 100 * i, BAD) for i in range(13)]))
+    assert alarm.state is State.RAISED  # those behind count as ever

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from gcs_bridge import Monitor, check
 from tests.helpers import wire
-from tests.helpers.apart import PLANE, QUADROTOR, Apart, level, mounted, weaving, yawed
+from tests.helpers.apart import PLANE, QUADROTOR, Apart, level, mounted, told, weaving, yawed
 from tests.helpers.craft import (
     Craft,
     Json,
@@ -96,6 +96,29 @@ def test_a_pitch_trim_is_fitted(hz: float, apart_ms: int, trim_deg: float) -> No
     )
     assert vehicle["alarms"] == []
     assert explained(vehicle) == [("pitch_trim", pytest.approx(trim_deg, abs=VALUE_DEG), True, [])]
+
+
+@pytest.mark.parametrize("is_told", [False, True])
+@pytest.mark.parametrize(("hz", "apart_ms", "loss"), [(2.0, 250, 0.2), (4.0, 0, 0.2), (10.0, 50, 0.0)])
+def test_a_pitch_trim_that_changes_untold(hz: float, apart_ms: int, loss: float, is_told: bool) -> None:
+    """From 1° to −3° and to +2°, as in `k16_plane_trim_changes`, the first one told or not: found anew, no alarm."""
+    made = [
+        Apart(motion=weaving(roll=35.0), kind=PLANE, modes=[(0.0, 5)], hz=hz, apart_ms=apart_ms, pitch_trim_deg=trim)
+        for trim in (1.0, -3.0, 2.0)
+    ]
+    since_us = [wire.START_US + round(1e6 * at_s) for at_s in (22.0, 42.0)]
+    records = [
+        pair[sum(pair[0][0] >= at_us for at_us in since_us)]
+        for pair in zip(*(one.records(70.0) for one in made), strict=True)
+    ]
+    chance = np.random.default_rng(3)
+    records = [one for one in records if chance.random() >= loss]
+    if is_told:
+        records += told(at_s=1.0, PTCH_TRIM_DEG=1.0, AHRS_TRIM_X=0.0, AHRS_TRIM_Y=0.0)
+    vehicle = watched(sorted(records, key=lambda one: one[0]))[1]
+    assert vehicle["alarms"] == []
+    values = [value for _, value, _, _ in explained(vehicle)]
+    assert values == pytest.approx([1.0, -3.0, 2.0], abs=VALUE_DEG)
 
 
 def test_what_level_flight_cannot_tell_is_named_beside_it() -> None:

@@ -470,15 +470,32 @@ def test_a_sign_that_turns_wrong_while_nothing_moves_is_a_fault() -> None:
     assert follow(flight).bad_share(14.0) == 1.0
 
 
-def test_a_trim_that_changes_untold_is_told_from_a_fault_by_bank() -> None:
-    """After agreement a new difference is a trim only where bank tells: level it stays a fault."""
-    for roll_deg, share in ((30.0, 0.05), (0.0, 1.0)):
-        rpy = weaving(300, roll_deg)
-        trim = np.where(np.arange(300) < 150, 0.0, np.radians(3.0))
-        sent = rpy - np.column_stack((0 * trim, trim, 0 * trim))
-        seen = follow(flown(from_rpy(rpy), sent, [mode(5)]))
-        assert seen.bad_share(16.0) <= share
-        assert (seen.bad_share(16.0) == 1.0) == (share == 1.0)
+@pytest.mark.parametrize("was_deg", [None, 0.0, -2.0])
+@pytest.mark.parametrize(("roll_deg", "share"), [(30.0, 0.05), (0.0, 1.0)])
+def test_a_trim_that_changes_untold_is_told_from_a_fault_by_bank(
+    was_deg: float | None, roll_deg: float, share: float
+) -> None:
+    """Behind agreement a new difference is a trim only where bank tells, the old one told or not: level a fault."""
+    rpy = weaving(300, roll_deg)
+    trim = np.radians(np.where(np.arange(300) < 150, was_deg or 0.0, 3.0))
+    sent = rpy - np.column_stack((0 * trim, trim, 0 * trim))
+    told: News = [] if was_deg is None else [ParameterSet(2, "PTCH_TRIM_DEG", was_deg)]
+    seen = follow(flown(from_rpy(rpy), sent, [mode(5), *told]))
+    assert seen.bad_share(16.0) <= share
+    assert (seen.bad_share(16.0) == 1.0) == (share == 1.0)
+    if share < 1.0:
+        assert seen.explanations[-1] == explained("pitch_trim", 3.0, estimated=True)
+
+
+@pytest.mark.parametrize(("late_s", "is_fault"), [(0.5, False), (2.0, False), (8.0, True)])
+def test_a_mode_that_is_told_late_tells_a_view_that_is_not_there_for_long(late_s: float, is_fault: bool) -> None:
+    """Its mode alone says that a plane hovers, and heartbeats may be lost; what has been there for long is a fault."""
+    rpy = weaving(900, 5.0, 2.0)
+    turned = np.where(np.arange(900) < 300, 0.0, -4.0)[:, None] * [0.0, 1.0, 0.0]
+    view = from_rpy(rpy) * Rotation.from_rotvec(np.radians(turned))
+    told: News = [mode(5), mode(18, 10 + 2 * (300 + round(25 * late_s)))]
+    seen = follow(flown(from_rpy(rpy), view, told))
+    assert seen.bad_share(10.0 + 12.0 + late_s + 1.5) == (1.0 if is_fault else 0.0)
 
 
 def test_a_view_that_stays_in_forward_flight_is_a_fault() -> None:

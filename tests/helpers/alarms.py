@@ -2,10 +2,12 @@
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from gcs_bridge.alarms.rated import Rated, Worst
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import Signal, State
-from gcs_bridge.alarms.votes import AlarmChange, Ballot
+from gcs_bridge.alarms.votes import AlarmChange, Ballot, forget_samples
 from gcs_bridge.settings import AlarmSettings
 
 
@@ -49,6 +51,11 @@ class Alarm:
         if rated is not None:
             self._ballot.rate(self._spec, rated)
         return self._ballot.changes()
+
+    def forget_samples(self) -> None:
+        """Its samples so far have no vote any more."""
+        votes = self._ballot.votes(0)
+        forget_samples(votes._replace(alarm=votes.alarm.view(np.recarray)), 0)  # as kernels see it
 
     def signal(self, signal: Signal) -> tuple[State, State]:
         """Take a signal at once; the state before it and behind it."""
