@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -169,7 +170,6 @@ def opened(path: Path, said: list[str], **limits: float) -> TlogRecorder:
     return sink
 
 
-@pytest.mark.slow  # it mounts a disk, and waits until that is tried again
 @pytest.mark.parametrize("limits", [{}, {"max_mb": 0.05}, {"max_minutes": 1 / 60}])
 def test_a_full_disk_is_told_once_and_gone_on_with(
     limits: dict[str, float], small_disk: Path, monkeypatch: pytest.MonkeyPatch
@@ -177,8 +177,8 @@ def test_a_full_disk_is_told_once_and_gone_on_with(
     """What fits is whole; what does not is left out; as soon as there is room, it is recorded again."""
     from gcs_bridge.sinks import file
 
-    monkeypatch.setattr(file, "_RETRY_S", 0.2)
-    monkeypatch.setattr(file, "_STEADY_S", 0.3)
+    now_s = 0.0
+    monkeypatch.setattr(file, "time", SimpleNamespace(monotonic=lambda: now_s))
     path, said = small_disk / "live.tlog", list[str]()
     ballast = small_disk / "ballast"
     ballast.write_bytes(bytes(100_000))
@@ -193,10 +193,10 @@ def test_a_full_disk_is_told_once_and_gone_on_with(
         assert tlog_of(frames).startswith(full)
         assert len(full) > 100_000
         ballast.unlink()
-        time.sleep(0.3)
+        now_s += 2.0  # it is tried again each second
         sink.frames(0, FRAMES[:20])
         assert len(said) == 1
-        time.sleep(0.4)
+        now_s += 11.0  # and written to for ten until that is told
         sink.frames(0, FRAMES[20:40])
         _, note = said
         assert "is written again; 0." in note
