@@ -80,7 +80,7 @@ class InForce:
         self.may_be_trim.put(*corrected.may_be_trim_from(before=self.may_be_trim.latest))
         found_at = np.array(corrected.found_at, np.int64)
         # The pair that completes a fit was itself judged without it.
-        self.explained.put(found_at + 1, self.explained.latest + 1.0 + np.arange(len(found_at)))
+        self.explained.put(found_at + 1, self.explained.latest + 1.0 + np.arange(len(found_at), dtype=np.float64))
 
     def imu_of(self, chosen: ImuSamples | None) -> VehicleImu | None:
         """Inertial samples with what the vehicle says of itself then."""

@@ -13,7 +13,7 @@ from typing import Protocol, TypeVar
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import AlarmRaised, Event
 from gcs_bridge.judging.snapshot import Snapshot
-from gcs_bridge.links.link import now_us
+from gcs_bridge.links.wall_clock import now_us
 from gcs_bridge.screen.alerts import Alert, AlertKey, Level, alerts_of, id_of
 from gcs_bridge.screen.canvas import Canvas, one_cell
 from gcs_bridge.screen.history import History, disagreement_of

@@ -501,6 +501,6 @@ def test_bad_samples_that_are_forgotten_raise_nothing(forgotten: bool) -> None:
     if forgotten:
         alarm.forget_samples()
     alarm.feed(rated([(2600, GOOD)]))
-    assert alarm.state is (State.NORMAL if forgotten else State.RAISED)
+    assert alarm.state == (State.NORMAL if forgotten else State.RAISED)
     alarm.feed(rated([(2700 + 100 * i, BAD) for i in range(13)]))
-    assert alarm.state is State.RAISED  # those behind count as ever
+    assert alarm.state == State.RAISED  # those behind count as ever

@@ -27,6 +27,7 @@ from gcs_bridge.links import link as link_module
 from gcs_bridge.links import loop
 from gcs_bridge.links.link import Link
 from gcs_bridge.links.loop import listen
+from gcs_bridge.links.wall_clock import now_us
 from gcs_bridge.mavlink.dialect import load_dialect
 from gcs_bridge.mavlink.scanner import RawFrame, Scanner
 from gcs_bridge.recordings.faults import parse_fault
@@ -145,7 +146,7 @@ def wait_until(true: Callable[[], bool], seconds: float = 30.0) -> None:
 
 def hurry(monkeypatch: pytest.MonkeyPatch, times: float) -> None:
     """Let the clock that links and the loop read go so many times as fast: seconds of silence are soon over."""
-    began_us = link_module.now_us()
+    began_us = now_us()
 
     def hurried_us() -> int:
         return began_us + round(times * (time.time_ns() / 1000 - began_us))

@@ -73,6 +73,7 @@ def vehicle(sysid: int = 1, rpy_deg: Sequence[float] = (0, 0, 0), *, checks: Any
         lost=10,
         attitude=attitude(rpy_deg, euler=True),
         attitude_quaternion=attitude(rpy_deg, euler=False),
+        message_age_s={"ATTITUDE": 0.1},
         streams={"ATTITUDE": Stream(count=500, rate_hz=50.0, max_gap_s=0.1, lost=0, invalid=0)},
         checks=checks,
     )
@@ -90,7 +91,8 @@ def scene(vehicles: Iterable[VehicleNow], *, chosen: int = 0, memory: Memory | N
     """What is drawn of these vehicles, of which one is chosen, and the alert that calls for attention most."""
     memory = memory or Memory()
     snapshot = Snapshot(
-        links=(LinkNow(name=0, is_open=True, frames=1, bytes=9, bad_crc=0, skipped_bytes=0),), vehicles=tuple(vehicles)
+        links=(LinkNow(name=0, is_open=True, frames=1, bytes=9, bad_crc=0, skipped_bytes=0, unlisted=0),),
+        vehicles=tuple(vehicles),
     )
     alerts = alerts_of(snapshot, memory.lost, memory.shelved_until)
     key: AlertKey | None = alerts[0].key if alerts else None
