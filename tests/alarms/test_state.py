@@ -497,7 +497,7 @@ def test_bad_samples_that_are_forgotten_raise_nothing(forgotten: bool) -> None:
     """Three bad ones within 0.5 s, and a good one 1.1 s behind the last: the third vote and the on-delay raise it."""
     alarm = Alarm(RULES)
     alarm.feed(rated([(1000, BAD), (1250, BAD), (1500, BAD)]))
-    assert alarm.state is State.PENDING
+    assert alarm.state == State.PENDING
     if forgotten:
         alarm.forget_samples()
     alarm.feed(rated([(2600, GOOD)]))
