@@ -39,7 +39,7 @@ _PLAIN_STYLES = {
     Role.CAUTION: "bold reverse",
     Role.EDGE_UPSIDE_DOWN: "reverse",
 }
-_TO_ASCII = str.maketrans("▁▂▃▄▅▆▇█░━┛┗·─╱╲│┄▲■●›°…←→↑↓⊗×−ωθ", "..::||##:=+++-/\\|-!*o>'~<>^vxx-wo")
+_TO_ASCII = str.maketrans("▁▂▃▄▅▆▇█░━┛┗·─╱╲│┄▲■●›°…←→↑↓⊗×−ωθ", "..::||##:=+++-/\\|-!*o> ~<>^vxx-wo")
 _SYSTEMS = {"standard": ColorSystem.STANDARD, "256": ColorSystem.EIGHT_BIT, "truecolor": ColorSystem.TRUECOLOR}
 
 

@@ -78,13 +78,5 @@ class Tmux:
         wait_until(lambda: self.shown().rstrip().endswith(_PROMPT.strip()), seconds)
         return self.shown()
 
-    def pane_process(self) -> int:
-        """The shell's process."""
-        return int(self._tmux("display-message", "-p", "#{pane_pid}"))
-
-    def close(self) -> None:
-        """Close the terminal: whoever runs in it is hung up on."""
-        self._tmux("kill-session")
-
     def _tmux(self, *arguments: str) -> str:
         return subprocess.run([*self._server, *arguments], check=True, capture_output=True, text=True).stdout

@@ -111,6 +111,18 @@ def test_what_people_say_to_an_alarm_shows() -> None:
     assert vehicle["attitude"]["age_s"] == pytest.approx(3.0)
 
 
+@pytest.mark.slow
+def test_an_alarm_that_has_gone_waits_to_be_acknowledged() -> None:
+    """It still has its id, by which somebody can say that it was seen; then it has none."""
+    passing = inject(wire.tlog(HEALTHY), [parse_fault("yaw_offset:25")], from_s=2.0, to_s=5.0)
+    monitor = fed(list(wire.records(passing)))
+    alarm = alarm_of(vehicle_of(monitor), "euler_quaternion", "pairs")
+    assert (alarm["state"], alarm["id"]) == ("returned", "1.1-euler_quaternion-0-1")
+    monitor.acknowledge(alarm["id"], HEALTHY[-1][0])
+    alarm = alarm_of(vehicle_of(monitor), "euler_quaternion", "pairs")
+    assert (alarm["state"], alarm["id"]) == ("normal", None)
+
+
 def test_frames_that_went_missing_are_counted() -> None:
     """Every tenth frame is left out: the sequence numbers miss it."""
     kept = [one for place, one in enumerate(HEALTHY) if place % 10 != 5]

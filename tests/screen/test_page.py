@@ -171,7 +171,7 @@ def test_no_size_is_too_small_or_too_large() -> None:
     histories = {id_of(FLEET[0]): History()}
     scenes = [scene([]), scene(FLEET[:1]), scene([alarmed(1), *FLEET[1:]], histories=histories)]
     scenes += [scene([alarmed(sysid) for sysid in range(1, 40)], chosen=30), scene(FLEET, shows_help=True)]
-    sizes = itertools.product((1, 2, 7, 20, 39, 44, 61, 80, 119, 120, 200, 300), (1, 2, 3, 5, 11, 12, 16, 24, 60, 90))
+    sizes = itertools.product((1, 2, 20, 39, 44, 61, 80, 120, 200), (1, 2, 5, 11, 12, 16, 24, 60))
     for (width, height), one in itertools.product(sizes, scenes):
         canvas = drawn(one, width, height)
         assert len(canvas.signs) == len(canvas.roles) == height
