@@ -80,7 +80,7 @@ class RadioFlow:
 
     def read(self, batch: SortedFrames, share: Share, dialect: Dialect) -> Iterator[Slowdown]:
         """Take what one component says of its buffer in a batch; yield what that changes, in order of arrival."""
-        found = []
+        found: list[tuple[int, int]] = []
         for name in RADIOS:
             if name in dialect and share.count(KIND[name]):
                 rows = batch.rows(share, KIND[name])
