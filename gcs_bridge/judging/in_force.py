@@ -80,7 +80,8 @@ class InForce:
         self.may_be_trim.put(*corrected.may_be_trim_from(before=self.may_be_trim.latest))
         found_at = np.array(corrected.found_at, np.int64)
         # The pair that completes a fit was itself judged without it.
-        so_far = self.explained.latest + np.arange(1, len(found_at) + 1, dtype=np.float64)
+        so_far = np.arange(len(found_at), dtype=np.float64)
+        so_far += self.explained.latest + 1.0
         self.explained.put(found_at + 1, so_far)
 
     def imu_of(self, chosen: ImuSamples | None) -> VehicleImu | None:
