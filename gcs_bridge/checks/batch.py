@@ -25,7 +25,7 @@ class CheckBatch:
     rates. `imu`: samples of one inertial sensor. `imu_with_attitude`: those of its samples, of this batch or before,
     whose attitude is known now. `secondary`: of the second estimate. `fixed_wing`, `ardupilot`: 1 or 0 by frame, NaN
     before a heartbeat said so; `may_be_trim`: 1 while AHRS_TRIM may still be found in what disagrees; `explained`: how
-    often what differs on purpose was told or found; `trim_open`: 1 while AHRS_TRIM is neither told nor fitted, so that
+    often a trim was fitted that was none before; `trim_open`: 1 while AHRS_TRIM is neither told nor fitted, so that
     it may be anything. `stream_changes`: what started, went stale or resumed; `line`: all timed messages. `heard`: all
     of the vehicle's frames up to the last of these. `said_by_others`: rates that were asked for, and what slows the
     streams. `statements`: what the vehicle said of itself.

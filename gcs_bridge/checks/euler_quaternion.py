@@ -63,7 +63,7 @@ _MEMORY = np.dtype(
         ("latest_us", "i8"),  # of the mean
         ("bad_us", "i8"),  # the latest bad pair
         ("onset_us", "i8"),  # of the present disagreement
-        ("explained", "f8"),  # how often what differs on purpose had been found by then
+        ("explained", "f8"),  # how often a trim had been fitted by then
         ("spoken_for", "f8"),  # and when a pair last agreed
     ]
 )

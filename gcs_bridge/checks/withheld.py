@@ -32,7 +32,7 @@ def is_withheld(
     What a firmware does is told by parameters and modes, or fitted to some pairs: both take a moment. For so long
     after its onset a disagreement has no vote if it is a turn about the body's y axis, or the level one to its right,
     on an ArduPlane (a view, a trim), or no larger than AHRS_TRIM could make it there: from a boot's first seconds on,
-    or while it takes time to fit that trim. `explained` counts what was found: behind that another disagreement begins.
+    or while it takes time to fit that trim. `explained` counts fitted trims: behind one another disagreement begins.
     """
     before_us, of.bad_us = of.bad_us, max(of.bad_us, pairs.t_boot_us[i])
     if of.bad_us - before_us > CALM_US or explained != of.explained:

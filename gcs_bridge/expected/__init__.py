@@ -18,10 +18,11 @@ from being explained away:
    one stamp, the quaternion is interpolated, and each pair weighs by its bound: a fit must leave no more than half of
    noise and bound, is made anew as more pairs come, and never moves by more than it was unsure of.
 3. A difference that appears in a stream which agreed before may as well be a fault. It is fitted only where the motion
-   tells it from a mount offset and a wrong sign. At the start these are named as alternatives, and the fit is given up
-   for good if a pair denies it before the motion has told.
-4. A view goes with the mode. The mode may be told up to a second late, and a tailsitter turns seconds behind it: there
-   the samples say which view it is. Beyond, a view without its mode is a fault. Where no quaternion comes, the down
+   tells it from a mount offset and a wrong sign, as is a pitch trim that had been told, and has another value since. At
+   the start these are named as alternatives, and the fit is given up for good if a pair denies it before the motion has
+   told.
+4. A view goes with the mode. The mode may be told late, for heartbeats are lost, and a tailsitter turns seconds behind
+   it: there the samples say which view it is. Beyond, a view without its mode is a fault. Where no quaternion comes, the down
    that the accelerometer felt tells a plane on its tail from one on its wings.
 
 PX4 tailsitters' `repr_offset_q` is for displays and has no place here. This package knows neither frames on a wire nor

@@ -24,7 +24,7 @@ class Corrected(FrameColumns):
     `q_nb` (n, 4) [w, x, y, z], FRD to NED; `causes` (n,) bits PITCH_TRIM, AHRS_TRIM, VTOL_VIEW of what turned a sample
     by more than 0.02°; `open` (n,) bits of what may be in it, was not told and not fitted yet, UNSURE where that takes
     time, and TRIM_FITTED; `applied` (n,) which of the `corrections` was undone, the first of which is none. `found_at`:
-    the frames, of any message, with which another correction was told, or found to hold.
+    the frames with which a trim was fitted that was none before.
     """
 
     q_nb: Floats

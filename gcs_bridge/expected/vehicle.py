@@ -72,7 +72,7 @@ class Expected:
         self._forces = NO_FORCES  # the latest, of what may be a plane
         self._seat = Seat()
         self._applied, self._changed = NOTHING, 0  # to the last sample, and how often that has changed
-        self._found = 0  # how often another correction was told, or found to hold
+        self._found = 0  # how often a trim was fitted
         self._found_at: list[int] = []  # the frames with which that was in this batch
         self._done = -1  # frame_index up to which pairs were taken
         self._shown = ShownView()
@@ -120,7 +120,6 @@ class Expected:
             done = upto
             if what is not None:
                 self._learn(what)
-                self._note_found(what.frame_index)
         return Corrected(
             frame_index=euler.frame_index,
             q_nb=q_nb,
@@ -299,7 +298,7 @@ class Expected:
         self._latest.euler, self._latest.quaternion = self._latest.euler[-TAIL:], quaternions[-TAIL:]
 
     def _note_found(self, frame_index: int) -> None:
-        """With a frame another correction may have been told, or found."""
+        """With a frame a trim may have been fitted."""
         found = sum(view.found for view in self._views)
         if found != self._found:
             self._found = found

@@ -68,7 +68,7 @@ class View:
         self.open = 0  # causes that may be fitted
         self.changeable = 0  # causes that were told, and may be fitted where the motion tells them from all else
         self.fit = 0  # which fit it is; the same as long as it is only refined
-        self.found = 0  # how often another correction was told, or found to hold
+        self.found = 0  # how often a trim was fitted that was none before
         self.by_between = False  # it rests on pairs of neighbouring instants
         self.between = BetweenMemory()
         self.recent = self.sparse = NO_CLEAN_PAIRS  # the latest pairs, and one a second
@@ -265,7 +265,7 @@ class View:
         if step.correction != self.correction:
             learnt["is_banked"] = False
         self.fit += 1
-        self.found += not step.gives_up
+        self.found += bool(step.fitted & (PITCH_TRIM | AHRS_TRIM))
         self.correction, self.fitted, self.by_between = step.correction, step.fitted, step.between
         self.proven, self.switched = step.fitted == AHRS_TRIM or (step.between and proven), False
         learnt["like_mount"] = learnt["like_sign"] = bool(step.fitted & PITCH_TRIM)

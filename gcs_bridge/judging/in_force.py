@@ -30,7 +30,7 @@ class InForce:
     def __init__(self, settings: Settings) -> None:
         """Start with nothing said."""
         self.fixed_wing, self.ardupilot, self.may_be_trim = StepSignal(), StepSignal(), StepSignal(0.0)
-        self.explained = StepSignal(0.0)  # how often what differs on purpose was told, or found
+        self.explained = StepSignal(0.0)  # how often a trim was fitted
         self._news: list[Statement] = []  # that came behind the last message with a time
         self._statements = Statements()
         self._said: dict[str, Statement] = {}  # whether it is ready, by the message that says so, and its mode
@@ -80,7 +80,9 @@ class InForce:
         self.may_be_trim.put(*corrected.may_be_trim_from(before=self.may_be_trim.latest))
         found_at = np.array(corrected.found_at, np.int64)
         # The pair that completes a fit was itself judged without it.
-        self.explained.put(found_at + 1, self.explained.latest + 1.0 + np.arange(len(found_at), dtype=np.float64))
+        so_far = np.arange(len(found_at), dtype=np.float64)
+        so_far += self.explained.latest + 1.0
+        self.explained.put(found_at + 1, so_far)
 
     def imu_of(self, chosen: ImuSamples | None) -> VehicleImu | None:
         """Inertial samples with what the vehicle says of itself then."""

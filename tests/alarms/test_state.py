@@ -500,8 +500,7 @@ def test_bad_samples_that_are_forgotten_raise_nothing(forgotten: bool) -> None:
     states = [alarm.state]
     if forgotten:
         alarm.forget_samples()
-    alarm.feed(rated([(2600, GOOD)]))
-    states.append(alarm.state)
-    alarm.feed(rated([(2700 + 100 * i, BAD) for i in range(13)]))
-    states.append(alarm.state)  # those behind count as ever
+    for more in ([(2600, GOOD)], [(2700 + 100 * i, BAD) for i in range(13)]):  # those behind count as ever
+        alarm.feed(rated(more))
+        states.append(alarm.state)
     assert states == [State.PENDING, State.NORMAL if forgotten else State.RAISED, State.RAISED]
