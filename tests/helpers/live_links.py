@@ -249,6 +249,13 @@ class Process:
     def signal(self, number: signal.Signals) -> None:
         self._process.send_signal(number)
 
+    def signal_listener(self, number: int) -> None:
+        """The same, to the program that another one watches, as strace does; to itself where none does."""
+        pid = self._process.pid
+        children = Path(f"/proc/{pid}/task/{pid}/children")
+        watched = children.read_text().split() if children.exists() else []
+        os.kill(int(watched[0]) if watched else pid, number)
+
     def ended(self, seconds: float = 30.0) -> tuple[int, str]:
         """Its exit code and what it wrote to standard error, once it has ended."""
         _, errors = self._process.communicate(timeout=seconds)

@@ -6,6 +6,7 @@ import pty
 import re
 import select
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -94,11 +95,11 @@ class Peers:
 def flown(program: list[str], *options: str) -> Iterator[tuple[Peers, bytes]]:
     """`listen` on all kinds of link at once, while a vehicle flies on each; what came back, once it has ended."""
     with Peers() as peers:
-        arguments = ("listen", *peers.uris, "--viewer", "none", "--duration", "8", *options)
-        with Process(*arguments, program=program) as process:
+        with Process("listen", *peers.uris, "--viewer", "none", *options, program=program) as process:
             process.wait_for("link up", 60)
             came = peers.fly()
             process.wait_for("vehicle seen", 60)
+            process.signal_listener(signal.SIGTERM)
             assert process.ended(60)[0] == 0
         yield peers, came
 
