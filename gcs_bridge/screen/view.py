@@ -34,13 +34,14 @@ _ANSWER_S = 0.05  # a key is answered within this time, and held down costs no m
 _SHARE = 0.04  # of a processor: where a look costs much, as of very many vehicles, there are fewer of them
 _MESSAGE_S = 5.0
 _RING_AGAIN_S = 10.0  # as long as a warning is not acknowledged
+_MOST_VEHICLES = 64  # of a link that are looked at: senders can be made up by the ten thousand
 
 
 class Watched(Protocol):
     """What is looked at, and told what people say to alarms: a Monitor."""
 
-    def snapshot(self) -> Snapshot:
-        """What is known now."""
+    def snapshot(self, *, most_vehicles: int | None = None) -> Snapshot:
+        """What is known now, of each link no more than so many vehicles."""
 
     def acknowledge(self, alarm_id: str, t_rx_us: int) -> list[Event]:
         """Somebody has seen an alarm."""
@@ -148,7 +149,7 @@ class View(Sink):
 
     def _look(self, now_s: float) -> None:
         """Take what is known now."""
-        self._snapshot = self._watched.snapshot()
+        self._snapshot = self._watched.snapshot(most_vehicles=_MOST_VEHICLES)
         self._alerts = alerts_of(self._snapshot, self._memory.lost, self._memory.shelved_until)
         vehicles = [id_of(vehicle) for vehicle in self._snapshot.vehicles]
         for vehicle, now in zip(vehicles, self._snapshot.vehicles, strict=True):
