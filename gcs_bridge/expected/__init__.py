@@ -22,8 +22,8 @@ from being explained away:
    the start these are named as alternatives, and the fit is given up for good if a pair denies it before the motion has
    told.
 4. A view goes with the mode. The mode may be told late, for heartbeats are lost, and a tailsitter turns seconds behind
-   it: there the samples say which view it is. Beyond, a view without its mode is a fault. Where no quaternion comes, the
-   down that the accelerometer felt tells a plane on its tail from one on its wings.
+   it: there the samples say which view it is. Beyond, a view without its mode is a fault. Where no quaternion comes,
+   the down that the accelerometer felt tells a plane on its tail from one on its wings.
 
 PX4 tailsitters' `repr_offset_q` is for displays and has no place here. This package knows neither frames on a wire nor
 limits of alarms. A sample's correction rests on what came before it, in order of arrival, however the input was cut.
