@@ -25,7 +25,7 @@ from gcs_bridge.links.reopening import Reopening
 from gcs_bridge.links.stream_links import TcpLink
 from gcs_bridge.links.uri import NetworkUri, parse_uri
 from gcs_bridge.mavlink.scanner import RawFrame
-from tests.helpers.live_links import Event, Live, fixture, frames_of, free_port, paced, recorder, wait_until
+from tests.helpers.live_links import Event, Live, fixture, frames_of, free_port, paced, recorder, tlog_of, wait_until
 
 SPEED = 15.0
 
@@ -224,6 +224,7 @@ def test_a_sender_that_restarts(tmp_path: Path) -> None:
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
                 paced(piece, lambda data: sender.sendto(data, (uri.host, uri.port)), SPEED)
             time.sleep(0.3)
+        wait_until(lambda: path.stat().st_size == len(tlog_of(frames)))
     record.close()
     assert ups_and_downs(live) == ["link_up"]
     assert [frame.data for frame in frames_of(path.read_bytes())] == [frame.data for frame in frames]
