@@ -18,6 +18,7 @@ import rerun as rr
 
 from gcs_bridge.viewer import processes
 from gcs_bridge.viewer.base import Viewer, ViewerOptions, ViewerSink
+from gcs_bridge.viewer.pace import Pace
 from gcs_bridge.viewer.sink import RerunSink, new_recording
 
 __all__ = ["ServedViewer"]
@@ -50,6 +51,7 @@ class ServedViewer(Viewer):
         self._recordings: list[rr.RecordingStream] = []
         self._page: processes.Page | None = None
         self._window: processes.Window | None = None
+        self._pace: Pace | None = None
 
     @property
     def url(self) -> str:
@@ -76,11 +78,15 @@ class ServedViewer(Viewer):
         else:
             self._page = processes.Page(self._web_port, self.url, self._say)
             self._say(f"viewer: {self._why}open {self.page_url}{self._from_afar()}")
-        return RerunSink(recording, live=self._live, window=self._window)
+        if self._live:
+            self._pace = Pace(recording, self._say)
+        return RerunSink(recording, live=self._live, window=self._window, pace=self._pace)
 
     def close(self) -> None:
         """Hand over what is under way and end the server; a window stays, with what it has got."""
         recordings, self._recordings = self._recordings, []
+        if self._pace is not None:
+            self._pace.end()
         if recordings:
             done = threading.Event()
             threading.Thread(target=_hand_over, args=(recordings, done), daemon=True).start()
