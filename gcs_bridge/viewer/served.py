@@ -7,7 +7,9 @@ sending to a viewer, blocks for ever once it has gone.)
 
 from __future__ import annotations
 
+import contextlib
 import os
+import threading
 import time
 from typing import Literal
 from urllib.parse import quote
@@ -16,6 +18,7 @@ import rerun as rr
 
 from gcs_bridge.viewer import processes
 from gcs_bridge.viewer.base import Viewer, ViewerOptions, ViewerSink
+from gcs_bridge.viewer.pace import Pace
 from gcs_bridge.viewer.sink import RerunSink, new_recording
 
 __all__ = ["ServedViewer"]
@@ -24,6 +27,7 @@ _HOST = "127.0.0.1"
 _DATA_PORT, _WEB_PORT = 9877, 9090  # the first to be tried; 9876 is left to rerun's own viewer
 _HISTORY = {True: "256MiB", False: "2GiB"}  # of a live link: some minutes at least; of recordings: all of it
 _FLUSH_S = 5.0
+_END_S = 8.0  # so long the end may take
 _LAST_LOOK_S = 0.2  # for a viewer to fetch what came last, before the server goes
 
 
@@ -47,6 +51,7 @@ class ServedViewer(Viewer):
         self._recordings: list[rr.RecordingStream] = []
         self._page: processes.Page | None = None
         self._window: processes.Window | None = None
+        self._pace: Pace | None = None
 
     @property
     def url(self) -> str:
@@ -73,17 +78,20 @@ class ServedViewer(Viewer):
         else:
             self._page = processes.Page(self._web_port, self.url, self._say)
             self._say(f"viewer: {self._why}open {self.page_url}{self._from_afar()}")
-        return RerunSink(recording, live=self._live, window=self._window)
+        if self._live:
+            self._pace = Pace(recording, self._say)
+        return RerunSink(recording, live=self._live, window=self._window, pace=self._pace)
 
     def close(self) -> None:
         """Hand over what is under way and end the server; a window stays, with what it has got."""
         recordings, self._recordings = self._recordings, []
-        for recording in reversed(recordings):  # the first one's is the server
-            recording.flush(timeout_sec=_FLUSH_S)
+        if self._pace is not None:
+            self._pace.end()
         if recordings:
-            time.sleep(_LAST_LOOK_S)
-        for recording in reversed(recordings):
-            recording.disconnect()
+            done = threading.Event()
+            threading.Thread(target=_hand_over, args=(recordings, done), daemon=True).start()
+            if not done.wait(_END_S):  # a viewer that reads too slowly is not waited for
+                rr.unregister_shutdown()  # which would wait for it, too
         if self._page is not None:
             self._page.close()
             self._page = None
@@ -93,3 +101,14 @@ class ServedViewer(Viewer):
             return ""
         tunnels = " ".join(f"-L {port}:{_HOST}:{port}" for port in (self._web_port, self._port))
         return f" (from your own machine: ssh {tunnels} …)"
+
+
+def _hand_over(recordings: list[rr.RecordingStream], done: threading.Event) -> None:
+    """Let viewers have what is under way, and end the server; for as long as one of them reads slowly, it goes on."""
+    for recording in reversed(recordings):  # the first one's is the server
+        with contextlib.suppress(Exception):  # by rerun, where it took too long; the next call waits for it
+            recording.flush(timeout_sec=_FLUSH_S)
+    time.sleep(_LAST_LOOK_S)
+    for recording in reversed(recordings):
+        recording.disconnect()
+    done.set()

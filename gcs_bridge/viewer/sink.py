@@ -33,6 +33,7 @@ from gcs_bridge.viewer.base import ViewerSink
 from gcs_bridge.viewer.disagreement import Apart, Shown
 from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.motion_lines import MotionLines
+from gcs_bridge.viewer.pace import Pace
 from gcs_bridge.viewer.processes import Window
 from gcs_bridge.viewer.rows import PLOT_HOLD_US, Instant, Rows, Times, instant_of, pair_times
 from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, boot_timeline, path_of
@@ -99,11 +100,18 @@ class RerunSink(ViewerSink):
     """Draws one link session, or one file, into a rerun recording."""
 
     def __init__(
-        self, recording: rr.RecordingStream, *, live: bool, gather: int = 1, window: Window | None = None
+        self,
+        recording: rr.RecordingStream,
+        *,
+        live: bool,
+        gather: int = 1,
+        window: Window | None = None,
+        pace: Pace | None = None,
     ) -> None:
         """Draw the empty world. `live`: the newest is followed; else the whole is laid out, by `finish`.
 
         `gather`: rows to be drawn at a time, where nobody waits for the newest. `window`: its cursor is moved.
+        `pace`: whether who looks on keeps up; else samples are left out.
         """
         self._rec = recording
         self._live = live
@@ -112,6 +120,7 @@ class RerunSink(ViewerSink):
         self._held: dict[VehicleId, _Held] = {}
         self._waiting: dict[tuple[int | str, ...], list[Rows]] = {}
         self._window = window
+        self._pace = pace
         self._vehicles: dict[VehicleId, _Vehicle] = {}
         self._first: Instant | None = None
         self._latest_rx_us = -1
@@ -121,6 +130,8 @@ class RerunSink(ViewerSink):
 
     def observe(self, observation: Observation) -> None:
         """Draw samples and their comparison: of a live link some twenty times a second, else at once."""
+        if self._pace is not None and not self._pace.is_kept:
+            return
         segment = observation.segment
         held = self._held.setdefault(observation.vehicle, _Held())
         if held.observations and held.observations[0].segment.boot != segment.boot:

@@ -78,7 +78,7 @@ def relayed(folder: Path, ours: str, theirs: str, kind: int, *options: str) -> I
             f"--relay={ours}:127.0.0.1:{relay_port}",
         ) as process,
     ):
-        process.wait_for("link up")
+        process.wait_for("link up", 60)
         yield station, port, process
 
 

@@ -5,6 +5,8 @@ import os
 import socket
 import subprocess
 import sys
+import threading
+import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -134,9 +136,35 @@ def test_a_taken_port_is_passed_over() -> None:
         assert free_port(taken) > taken
 
 
+def test_a_viewer_that_reads_too_slowly_is_not_waited_for_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The server goes on handing over for as long as somebody reads; who ends the program does not wait for that."""
+    import rerun
+
+    from gcs_bridge.viewer import open_viewer, served
+
+    read, unregistered = threading.Event(), list[bool]()
+
+    class Slow:
+        def flush(self, timeout_sec: float) -> None:
+            raise RuntimeError("timed out")
+
+        def disconnect(self) -> None:
+            read.wait(20)
+
+    monkeypatch.setattr(served, "_END_S", 0.1)
+    monkeypatch.setattr(rerun, "unregister_shutdown", lambda: unregistered.append(True))
+    viewer = open_viewer("web", say=pytest.fail, live=True)
+    assert isinstance(viewer, served.ServedViewer)
+    viewer._recordings = [Slow()]  # type: ignore[list-item]
+    viewer.close()
+    assert not read.is_set()
+    assert unregistered == [True]
+    read.set()
+
+
 @pytest.mark.slow
 def test_no_display_gives_the_page_s_address_and_a_signal_ends_it(started: Start) -> None:
-    """`auto` without a display: one line with the address of a page, which is there; SIGTERM ends it at once."""
+    """`auto` without a display: one line with the address of a page, which is there; SIGTERM ends it."""
     process = started("replay", RECORDING, "-q")
     assert process.stderr is not None
     line = process.stderr.readline().decode()
