@@ -7,9 +7,9 @@ import pytest
 
 from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.judging.monitor import Monitor
-from gcs_bridge.links.link import now_us
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.uri import NetworkUri
+from gcs_bridge.links.wall_clock import now_us
 from gcs_bridge.recordings.open import READERS, open_recording
 from tests.helpers.live_links import fixture, free_port, tcp_sender, tlog_of, wait_until
 from tests.helpers.paths import FIXTURES

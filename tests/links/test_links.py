@@ -19,11 +19,12 @@ import pytest
 
 from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import SourceError
-from gcs_bridge.links.link import Link, LinkDownError, now_us
+from gcs_bridge.links.link import Link, LinkDownError
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.port_owner import port_owner
 from gcs_bridge.links.stream_links import SerialLink
 from gcs_bridge.links.uri import NetworkUri, SerialUri
+from gcs_bridge.links.wall_clock import now_us
 from tests.helpers.live_links import Live, fixture, free_port, tcp_sender, wait_until
 
 
