@@ -174,14 +174,17 @@ class Bridge:
         self.process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=_QUIET
         )
-        threading.Thread(target=self._listen, daemon=True).start()
+        self._listening = threading.Thread(target=self._listen, daemon=True)
+        self._listening.start()
         self._until(lambda: self.events.exists() and "link_up" in self.events.read_text())
         self.reads = Station(reads)
         self.stops = subprocess.Popen([sys.executable, "-c", _STOPPED, str(stops)])
 
     def _listen(self) -> None:
         assert self.process.stderr is not None
-        self.notes += (line.rstrip() for line in self.process.stderr)
+        with self.process.stderr as lines:
+            for line in lines:
+                self.notes.append(line.rstrip())
 
     def _until(self, true: Callable[[], bool]) -> None:
         while not true():
@@ -209,6 +212,7 @@ class Bridge:
         for process in (self.process, self.stops):
             process.kill()
             process.wait()
+        self._listening.join()
 
 
 class Viewer:
@@ -266,7 +270,8 @@ def run(asked: Asked, folder: Path) -> tuple[Bridge, dict[str, Any], list[Sample
                 is_disturbed = True
                 viewer.disturb()
         assert sender.stdout is not None
-        said = json.loads(sender.stdout.read())
+        with sender.stdout as out:
+            said = json.loads(out.read())
         return bridge, said, samples, bridge.end()
 
 
