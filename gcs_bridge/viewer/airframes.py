@@ -168,13 +168,13 @@ def _tailsitter(colour: Colour) -> Parts:
 
 def _helicopter(colour: Colour) -> Parts:
     """A cabin with a boom, one rotor above, a small one behind."""
-    sections = [(0.6, 0.01, 0.01, 0.04), (0.38, 0.16, 0.15, 0.02), (-0.1, 0.18, 0.17, 0.0), (-0.35, 0.05, 0.05, -0.05)]
-    yield loft(sections, [NOSE, colour, colour]), [[(0.6, 0.0, 0.04), (0.1, 0.18, 0.0), (-0.35, 0.0, -0.05)]]
+    sections = [(0.85, 0.01, 0.01, 0.05), (0.5, 0.13, 0.12, 0.03), (-0.1, 0.18, 0.17, 0.0), (-0.35, 0.05, 0.05, -0.05)]
+    yield loft(sections, [NOSE, colour, colour]), [[(0.85, 0.0, 0.05), (0.1, 0.18, 0.0), (-0.35, 0.0, -0.05)]]
     yield (
         box((-0.6, 0.0, -0.07), (0.6, 0.06, 0.06), colour),
-        [[(0.6, 0.0, 0.04), (0.1, -0.18, 0.0), (-0.9, 0.0, -0.07)]],
+        [[(0.85, 0.0, 0.05), (0.1, -0.18, 0.0), (-0.9, 0.0, -0.07)]],
     )
-    yield disc((0.0, 0.0, -0.27), 0.62, _DARK), [outline_of_disc((0.0, 0.0, -0.27), 0.62)]
+    yield disc((0.0, 0.0, -0.27), 0.5, _DARK), [outline_of_disc((0.0, 0.0, -0.27), 0.5)]
     yield box((0.0, 0.0, -0.2), (0.06, 0.06, 0.14), colour), []
     sideways: Point = (0.0, 1.0, 0.0)
     yield disc((-0.88, 0.05, -0.1), 0.15, _DARK, sideways), [outline_of_disc((-0.88, 0.05, -0.1), 0.15, sideways)]

@@ -11,20 +11,31 @@ from typing import NamedTuple
 
 from gcs_bridge.viewer.solids import Point
 
-__all__ = ["APART_M", "GROUND_M", "NAME_AT", "UNDONE_AT", "Eye", "WrittenPlaces", "eye_of", "written_places"]
+__all__ = [
+    "APART_M",
+    "GROUND_M",
+    "NAME_AT",
+    "UNDONE_AT",
+    "Eye",
+    "WrittenPlaces",
+    "eye_of",
+    "place_of",
+    "written_places",
+]
 
-APART_M = 3.7  # from one vehicle to the next, towards the east
+APART_M = 4.0  # from one vehicle to the next, towards the east,
+_ABREAST = 3  # of which so many stand side by side,
+_BEHIND_M = 4.0  # and the next ones so far behind them
 GROUND_M = 1.0  # the ground lies so far below the vehicles
 # Of a vehicle: above and before all that turns with it, 1.6 m about its middle.
 NAME_AT: Point = (0.0, 0.0, -1.75)
-UNDONE_AT: Point = (-1.75, 0.0, GROUND_M)
+UNDONE_AT: Point = (-1.75, 0.9, GROUND_M)
 
-_LEFT_M, _RIGHT_M = (
-    2.9,
-    1.9,
-)  # the picture's edges: west of the first vehicle, with the legend, and east of the last one
-_WIDE = 1.25  # width of the picture by its height, at least, for each metre that is looked at from a metre away
-_NEAR_M = 0.6  # what is nearer than the vehicles needs more
+_WIDE = 1.2  # the picture is so wide for each metre from the eye,
+_NEAREST_M = 4.9  # and from here one vehicle, its name above and the text before it fill its height
+_MARGIN_M = 0.9  # what is nearer than the vehicles looks larger
+_BESIDE_M, _RIGHT_M = 1.6, 1.9  # from the first vehicle to the legend, from the last one to the edge
+_LEGEND = 0.28  # the legend is so wide for each metre from the eye
 _WEST_DEG, _ABOVE_DEG = 14.0, 29.0  # from where it is looked at: from the south
 _ROWS = 6
 _ROW = 0.065  # from one line of the legend to the next, by the distance of the eye
@@ -39,18 +50,25 @@ class Eye(NamedTuple):
 
 
 class WrittenPlaces(NamedTuple):
-    """Of the lines of the legend; of the corner of the world's axes, and how long these are."""
+    """Of the lines of the legend; of the corner of the world's axes, how long these are, and of their names."""
 
     legend: list[Point]
     corner: Point
     axis_m: float
+    tips: list[Point]
+
+
+def place_of(number: int) -> Point:
+    """Where a vehicle stands, by its number from 0: in rows of three, so that names of a fleet have room."""
+    return (number // _ABREAST * _BEHIND_M, number % _ABREAST * APART_M, 0.0)
 
 
 def eye_of(vehicles: int) -> Eye:
     """From the south-west and above, north away from the eye; the further off the more vehicles there are."""
-    more_m = max(vehicles - 1, 0) * APART_M
-    distance = _NEAR_M + (_LEFT_M + _RIGHT_M + more_m) / _WIDE
-    target = (0.0, (more_m + _RIGHT_M - _LEFT_M) / 2, -0.15)
+    more_m = (min(max(vehicles, 1), _ABREAST) - 1) * APART_M
+    wide = (_MARGIN_M * _WIDE + _BESIDE_M + more_m + _RIGHT_M) / (_WIDE - _LEGEND)
+    distance = max(_NEAREST_M, wide)
+    target = (0.0, (more_m + _RIGHT_M - _BESIDE_M - _LEGEND * distance) / 2, 0.15)
     west, above = math.radians(_WEST_DEG), math.radians(_ABOVE_DEG)
     level = distance * math.cos(above)
     position = (-level * math.cos(west), target[1] - level * math.sin(west), target[2] - distance * math.sin(above))
@@ -61,7 +79,10 @@ def written_places(vehicles: int) -> WrittenPlaces:
     """What is written beside the first vehicle, for so many of them."""
     distance = eye_of(vehicles).distance_m
     row = _ROW * distance
-    top = -0.31 * distance
-    legend = [(0.0, -2.25, top + row * line) for line in range(_ROWS)]
+    top = -0.36 * distance
+    beside = -_BESIDE_M - _LEGEND * distance / 2
+    legend = [(0.0, beside, top + row * line) for line in range(_ROWS)]
     axis = 0.08 * distance
-    return WrittenPlaces(legend, (0.0, -2.45, top + row * (_ROWS + 1.6)), axis)
+    north, east, down = corner = (0.0, beside - 0.03 * distance, top + row * (_ROWS + 1.6))
+    tips = [(north + 1.2 * axis, east, down), (north, east + 1.5 * axis, down), (north, east, down + 1.2 * axis)]
+    return WrittenPlaces(legend, corner, axis, tips)

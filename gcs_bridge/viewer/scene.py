@@ -45,7 +45,7 @@ from gcs_bridge.columns import Floats
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.airframes import Airframe, airframe_of, shape_of
 from gcs_bridge.viewer.compass import horizon, rose
-from gcs_bridge.viewer.places import APART_M, GROUND_M, NAME_AT, UNDONE_AT, written_places
+from gcs_bridge.viewer.places import GROUND_M, NAME_AT, UNDONE_AT, place_of, written_places
 from gcs_bridge.viewer.solids import Colour, Point
 
 __all__ = [
@@ -99,7 +99,7 @@ LEGEND: dict[Legend, tuple[str, Colour]] = {  # in the order in which it is writ
     "euler": ("Euler", _EULER),
     "ahrs2": ("AHRS2", _AHRS2),
     "rates": ("body rates", _RATES),
-    "down": ("accelerometer's down", _ACCELEROMETER),
+    "down": ("accelerometer", _ACCELEROMETER),
     "field": ("magnetic field", _FIELD),
 }
 # Of the vehicles, one after the other; told apart by people who see no red or no green, by lightness if nothing else.
@@ -142,7 +142,7 @@ AXIS_M = 1.9  # the length of the arrow that it turns about
 DOWN_M = 1.15  # the length of the arrows that point down
 FIELD_M = 1.3  # the length of the arrow of the magnetic field, whatever its strength
 RATE_M_PER_RAD_S = 1.0  # the length of the arrow of the body rates,
-MOST_RATE_M = 1.6  # which grows no longer than this
+MOST_RATE_M = 1.4  # which grows no longer than this
 
 _CORRECTED_M = 1.55  # a triad that is to be seen wherever it falls onto another
 _DASHES_A_AXIS = 8
@@ -178,8 +178,7 @@ def world_parts(vehicles: int = 1, names: Collection[Legend] = ()) -> Iterator[P
     vectors = length * np.eye(3)
     colours = [_RED, _GREEN, _BLUE]
     yield "axes", rr.Arrows3D(origins=[corner] * 3, vectors=vectors, colors=colours, radii=0.025 * length)
-    tips = corner + 1.2 * vectors
-    yield "axes/labels", _texts(tips, ("north", "east", "down"), colours)
+    yield "axes/labels", _texts(places.tips, ("north", "east", "down"), colours)
     told = [entry for name, entry in LEGEND.items() if name in names]
     texts, colours = [text for text, _ in told], [colour for _, colour in told]
     yield "legend", _texts(places.legend[: len(told)], texts, colours, radius=length / 15)
@@ -188,10 +187,10 @@ def world_parts(vehicles: int = 1, names: Collection[Legend] = ()) -> Iterator[P
 def vehicle_parts(key: VehicleId, place: int) -> Iterator[Part]:
     """What never changes of a vehicle, whatever it sends; it is the `place`-th, from 0."""
     body = path_of(key, "body")
-    yield body, rr.Transform3D(translation=(0, place * APART_M, 0))
+    yield body, rr.Transform3D(translation=place_of(place))
     for name, lines in rose(GROUND_M):
-        radius = 0.008 if name == "degrees" else 0.012
-        yield f"{body}/compass/{name}", rr.LineStrips3D(lines, colors=[_colour(place)], radii=radius)
+        width = rr.Radius.ui_points(0.5 if name == "degrees" else 0.8)  # as wide from afar as from near
+        yield f"{body}/compass/{name}", rr.LineStrips3D(lines, colors=[_light(place)], radii=width)
     yield f"{body}/compass/horizon", rr.LineStrips3D(horizon(GROUND_M), colors=[_HORIZON], radii=0.005)
     for angle in ANGLES:
         yield path_of(key, angle, "euler"), rr.SeriesLines(names="Euler", colors=_EULER, widths=4.0)
@@ -271,14 +270,20 @@ def motion_parts(key: VehicleId) -> Iterator[Part]:
         )
 
 
-def name_tag(key: VehicleId, state: State) -> rr.Points3D:
-    """The vehicle's name and state above it."""
-    text, colour = _STATES[state]
-    return _texts([NAME_AT], [f"{key.name} {text}"], [colour])
+def name_tag(key: VehicleId, state: State | None) -> rr.Points3D:
+    """The vehicle's name and state above it; None: nothing is known of that yet."""
+    text, colour = ("", _BOUND) if state is None else _STATES[state]
+    return _texts([NAME_AT], [f"{key.name} {text}".strip()], [colour])
 
 
 def _colour(place: int) -> Colour:
     return _VEHICLES[place % len(_VEHICLES)]
+
+
+def _light(place: int) -> Colour:
+    """The same for thin lines."""
+    red, green, blue = ((3 * shade + 255) // 4 for shade in _colour(place))
+    return red, green, blue
 
 
 def _solid(looks: Airframe) -> rr.Mesh3D:

@@ -71,6 +71,7 @@ class _Vehicle:
 
     def __init__(self, key: VehicleId, place: int) -> None:
         self.figure = Figure(key, place)
+        self.named = False  # above what is drawn
         self.compared: set[int] = set()  # boots in which something could be compared
         self.silent = False  # by the latest event: there is nothing to compare
         self.raised: dict[str, str] = {}  # alarms of all checks, by id: severity
@@ -255,6 +256,9 @@ class RerunSink(ViewerSink):
         if self._first is None:
             self._first = times.moment(0)
         self._boots.add(times.boot)
+        if not self._vehicle(key).named:  # nor has anything been said of it yet
+            self._set_time(times.moment(0))
+            self._name(key, None)
         self._latest_rx_us = max(self._latest_rx_us, int(times.t_rx_us.max()))
         rpy_rad = attitude.rpy_from_quaternion(samples.q_nb) if samples.rpy_rad is None else samples.rpy_rad
         angles = dict(zip(ANGLES, np.degrees(rpy_rad).T, strict=True))
@@ -334,6 +338,10 @@ class RerunSink(ViewerSink):
 
     def _state(self, key: VehicleId, state: scene.State) -> None:
         self._rec.log(path_of(key, "state"), rr.StateChange(state=state))
+        self._name(key, state)
+
+    def _name(self, key: VehicleId, state: scene.State | None) -> None:
+        self._vehicle(key).named = True
         self._rec.log(path_of(key, "body", "name"), scene.name_tag(key, state))
 
     def _draw(self, parts: Iterable[scene.Part]) -> None:
