@@ -23,20 +23,21 @@ __all__ = [
     "written_places",
 ]
 
-APART_M = 4.0  # from one vehicle to the next, towards the east,
+APART_M = 3.8  # from one vehicle to the next, towards the east,
 _ABREAST = 3  # of which so many stand side by side,
-_BEHIND_M = 4.0  # and the next ones so far behind them
+_BEHIND_M = 5.5  # and the next ones so far behind them, and further apart: what is far away looks small
+_WIDER = 0.3
 GROUND_M = 1.0  # the ground lies so far below the vehicles
 # Of a vehicle: above and before all that turns with it, 1.6 m about its middle.
 NAME_AT: Point = (0.0, 0.0, -1.75)
-UNDONE_AT: Point = (-1.75, 0.9, GROUND_M)
+UNDONE_AT: Point = (-1.75, 0.65, GROUND_M)
 
 _WIDE = 1.2  # the picture is so wide for each metre from the eye,
 _NEAREST_M = 4.9  # and from here one vehicle, its name above and the text before it fill its height
 _MARGIN_M = 0.9  # what is nearer than the vehicles looks larger
-_BESIDE_M, _RIGHT_M = 1.6, 1.9  # from the first vehicle to the legend, from the last one to the edge
+_BESIDE_M, _RIGHT_M = 1.6, 1.7  # from the first vehicle to the legend, from the last one to the edge
 _LEGEND = 0.28  # the legend is so wide for each metre from the eye
-_WEST_DEG, _ABOVE_DEG = 14.0, 29.0  # from where it is looked at: from the south
+_WEST_DEG, _ABOVE_DEG = 12.0, 29.0  # from where it is looked at: from the south
 _ROWS = 6
 _ROW = 0.065  # from one line of the legend to the next, by the distance of the eye
 
@@ -60,7 +61,8 @@ class WrittenPlaces(NamedTuple):
 
 def place_of(number: int) -> Point:
     """Where a vehicle stands, by its number from 0: in rows of three, so that names of a fleet have room."""
-    return (number // _ABREAST * _BEHIND_M, number % _ABREAST * APART_M, 0.0)
+    row, column = divmod(number, _ABREAST)
+    return (row * _BEHIND_M, column * APART_M * (1 + row * _WIDER), 0.0)
 
 
 def eye_of(vehicles: int) -> Eye:
@@ -79,7 +81,7 @@ def written_places(vehicles: int) -> WrittenPlaces:
     """What is written beside the first vehicle, for so many of them."""
     distance = eye_of(vehicles).distance_m
     row = _ROW * distance
-    top = -0.36 * distance
+    top = -0.38 * distance
     beside = -_BESIDE_M - _LEGEND * distance / 2
     legend = [(0.0, beside, top + row * line) for line in range(_ROWS)]
     axis = 0.08 * distance
