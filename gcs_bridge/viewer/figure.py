@@ -6,7 +6,7 @@ change what is drawn.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -72,7 +72,7 @@ class Figure:
             yield New([*source_parts(self._key, source), *self._look(source)], frozenset({source}))
         known = valid.where(finite(valid.w_nb_b_rad_s))
         if len(known):
-            yield from self._named("rates", [])
+            yield from self._named("rates", lambda: ())
             arrows = RATE_M_PER_RAD_S * known.w_nb_b_rad_s
             arrows *= MOST_RATE_M / np.maximum(np.linalg.norm(arrows, axis=1, keepdims=True), MOST_RATE_M)
             yield Rows(_times(known), arrows={path_of(self._key, "body", source, "rates"): arrows})
@@ -85,7 +85,7 @@ class Figure:
             samples = Ahrs2Samples.joined(secondary)
             samples = samples.where(samples.valid)
             if len(samples):
-                yield from self._named("ahrs2", list(source_parts(self._key, "ahrs2")))
+                yield from self._named("ahrs2", lambda: source_parts(self._key, "ahrs2"))
                 attitudes = {path_of(self._key, "body", "ahrs2"): attitude.xyzw_from_wxyz(samples.q_nb)}
                 yield Rows(_times(samples), attitudes=attitudes)
         inertial = [one.flight.imu_with_attitude for one in observations if len(one.flight.imu_with_attitude)]
@@ -97,16 +97,17 @@ class Figure:
         measured = np.isfinite(size) & (size > 0)
         if not measured.any():
             return
-        yield from self._named("field", list(field_parts(self._key)))
+        yield from self._named("field", lambda: field_parts(self._key))
         m_b = attitude.rotate(attitude.quaternion_from_rotvec(seen.trim_b_rad), seen.m_b_gauss)[measured]
         m_n = attitude.rotate(attitude.normalise(seen.q_nb[measured]), m_b) / size[measured, None]
         times = Times(boot=boot, t_boot_us=seen.t_boot_us[measured], t_rx_us=seen.t_rx_us[measured])
         yield Rows(times, arrows={path_of(self._key, "body", "field"): FIELD_M * m_n})
 
-    def _named(self, name: Legend, parts: list[Part]) -> Iterator[New]:
+    def _named(self, name: Legend, parts: Callable[[], Iterable[Part]]) -> Iterator[New]:
+        """What is drawn for the first time, with what never changes of it."""
         if name not in self._known:
             self._known.add(name)
-            yield New(parts, frozenset({name}))
+            yield New(list(parts()), frozenset({name}))
 
     def _look(self, source: Source) -> Iterator[Part]:
         return airframe_parts(self._key, self._place, self._type, source)
