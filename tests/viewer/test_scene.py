@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
 
+from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.viewer.airframes import airframe_of, shape_of
 from gcs_bridge.viewer.compass import POINTS, rose
 from gcs_bridge.viewer.places import NAME_AT, UNDONE_AT, eye_of, place_of, written_places
@@ -91,6 +92,17 @@ def test_the_airframe_is_that_of_the_type(tmp_path: Path) -> None:
     looks = airframe_of("boat", (143, 163, 181))
     found = static(recording, f"{BODY}/quaternion/airframe", "Mesh3D:vertex_positions")
     assert np.array(found) == pytest.approx(looks.corners.reshape(-1, 3), abs=1e-6)
+
+
+def test_the_type_is_known_long_after_it_was_said() -> None:
+    """Told once, in the first second: whoever begins to look later, as an alarm's window does, still knows it."""
+    types: list[str] = []
+    monitor = Monitor(observer=lambda observation: types.append(observation.type))
+    data = steady((0, 0, 0), vehicle=mavlink.MAV_TYPE_SURFACE_BOAT)
+    for cut in np.array_split(np.frombuffer(data, np.uint8), 10):
+        monitor.feed_recording(cut.tobytes())
+    assert len(types) >= 9
+    assert set(types) == {"surface_boat"}
 
 
 def static(recording: Drawn, entity: str, component: str) -> list[object]:
