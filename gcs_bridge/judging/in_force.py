@@ -47,6 +47,12 @@ class InForce:
         """What a boot begins with: whether it is ready, by the message that says so, and its mode."""
         return self._said.values()
 
+    @property
+    def type(self) -> str:
+        """Of what kind it is, by the latest heartbeat that was looked at; "unknown" before there was one."""
+        mode = self._said.get("mode")
+        return mode.type if isinstance(mode, ModeSet) else "unknown"
+
     def hear(self, batch: VehicleBatch, link: LinkClock) -> None:
         """Take what the vehicle said of itself."""
         self._statements.take(batch.statements, link)

@@ -17,10 +17,12 @@ from gcs_bridge.telemetry.identity import VehicleId
 @record
 class Observation:
     """What one batch showed of a vehicle: its samples, the pairs they made, the disagreement of each pair, and all
-    that its checks were given; how the Euler angles were corrected, and what was told of alarms in consequence.
+    that its checks were given; how the Euler angles were corrected, and what was told of alarms in consequence. `type`:
+    what kind of vehicle it is, as in the report ("fixed_wing"), by the latest HEARTBEAT; "unknown" before the first.
     """
 
     vehicle: VehicleId
+    type: str
     segment: BootSegment
     pairs: Pairs
     disagreement: Disagreement

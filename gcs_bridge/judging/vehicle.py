@@ -318,6 +318,7 @@ class VehicleJudge:
             self._observer(
                 Observation(
                     vehicle=self.vehicle,
+                    type=self._in_force.type,
                     segment=segment,
                     pairs=aligned.pairs,
                     disagreement=found,

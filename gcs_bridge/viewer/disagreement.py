@@ -71,6 +71,7 @@ class Apart:
 
     def __init__(self, key: VehicleId) -> None:
         """Start with nothing to be seen."""
+        self._key = key
         self._apart, self._corrected = path_of(key, "body", "apart"), path_of(key, "body", "corrected")
         self._boot: int | None = None
         self._was_open = False  # something was apart, ever
@@ -112,7 +113,7 @@ class Apart:
             self._undoings[event.id] = undoing(event.diagnosis)
         after = self._undoing
         if after is not None and after != before:
-            yield Shown(instant_of(event), list(corrected_parts(self._corrected, f"{after.name} undone")))
+            yield Shown(instant_of(event), list(corrected_parts(self._key, f"{after.name} undone")))
         elif after is None and before is not None:
             yield Shown(instant_of(event), [_nothing(self._corrected)])
 

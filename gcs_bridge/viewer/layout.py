@@ -9,7 +9,8 @@ import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.viewer.scene import ANGLES, APART_M, GROUND_M, MOTION, path_of
+from gcs_bridge.viewer.bodies import bodies_view
+from gcs_bridge.viewer.scene import ANGLES, MOTION, path_of
 
 __all__ = ["layout"]
 
@@ -35,14 +36,7 @@ def layout(
     `vehicles`: each, and whether its motion is known. `around_us`: a time on the timeline, to be shown closer.
     `at_end`: the cursor starts at the end, not at the beginning; a layout can say no more of it (rerun 0.41).
     """
-    bodies = rrb.Spatial3DView(
-        name="Solid: quaternion; outline, dashes: Euler angles; magenta: accelerometer's down",
-        origin="/",
-        contents=["+ /axes/**", *(f"+ /{path_of(key, 'body')}/**" for key in vehicles)],
-        background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=(24, 28, 34)),
-        line_grid=rrb.LineGrid3D(spacing=0.5, plane=rr.encodings.Plane3D((0, 0, 1), GROUND_M), color=(70, 80, 95, 160)),
-        eye_controls=_camera(len(vehicles)),
-    )
+    bodies = bodies_view(vehicles)
     span = _span(live=live, around_us=around_us)
     axis = rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=span)
     states = rrb.StateTimelineView(
@@ -131,17 +125,4 @@ def _span(*, live: bool, around_us: int | None) -> rr.TimeRange:
     return rr.TimeRange(
         start=edge.absolute(nanos=(around_us - _AROUND_US) * 1000),
         end=edge.absolute(nanos=(around_us + _AROUND_US) * 1000),
-    )
-
-
-def _camera(vehicles: int) -> rrb.EyeControls3D:
-    """From the south-west and above, north away from the eye; the further off the more vehicles there are."""
-    more = max(vehicles - 1, 0)
-    middle = (more * APART_M - 0.5) / 2  # between the world's axes and the last vehicle
-    back = 1 + 1.2 * more
-    return rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital,
-        position=(-2.4 * back, middle - 0.55 * back, -1.5 * back),
-        look_target=(0, middle, 0.2),
-        eye_up=(0, 0, -1),
     )

@@ -5,13 +5,22 @@ quaternion says, and as an outline, as its Euler angles say. While both agree th
 the Euler angles' triad stands beside the solid one as a ghost of dashes, without what the firmware makes different on
 purpose; an arrow is the axis that the quaternion is turned about, and an arc the way. Once the mistake is known, a thin
 triad shows the faulty side without it: it falls onto the other. Beside all hangs what the accelerometer takes for down.
+Of a source that sent nothing, nothing is drawn. A viewer writes texts as large from afar as from near, over all else:
+so there are few, each where no other can come, and what a colour means is said once, in the legend.
 
     /                              the world's coordinates
     axes                           north, east, down
+    legend                         what has been drawn so far, in its colour
     vehicle/1.1/body               the vehicle's place in the picture (no position is known)
+    vehicle/1.1/body/name          its name and state
+    vehicle/1.1/body/compass/…     a rose on the ground, in the vehicle's colour, and the level at its own height
     vehicle/1.1/body/quaternion    attitude by ATTITUDE_QUATERNION: parent from child, world from body
     vehicle/1.1/body/euler         attitude by ATTITUDE
+    vehicle/1.1/body/ahrs2         attitude by AHRS2, the second estimate
     vehicle/1.1/body/…/airframe    turned by ATTITUDE_QUATERNION's `repr_offset_q`, which is for displays alone
+    vehicle/1.1/body/…/unturned    the same without that turn, hidden until somebody switches it on
+    vehicle/1.1/body/…/rates       body rates: the axis turned about by the right hand, 1 m for 1 rad/s
+    vehicle/1.1/body/field         magnetic field, in north-east-down
     vehicle/1.1/body/apart/…       ghost, axis and arc (in north-east-down), while apart by more than the limit
     vehicle/1.1/body/corrected     attitude without the mistake, once it is known and while its alarm stands
     vehicle/1.1/roll/euler …       roll, pitch, yaw of both, in degrees
@@ -26,41 +35,51 @@ Where several links are listened to, a vehicle of another than the first is `veh
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import rerun as rr
 
+from gcs_bridge.columns import Floats
 from gcs_bridge.telemetry.identity import VehicleId
+from gcs_bridge.viewer.airframes import Airframe, airframe_of, shape_of
+from gcs_bridge.viewer.compass import horizon, rose
+from gcs_bridge.viewer.places import GROUND_M, NAME_AT, UNDONE_AT, place_of, written_places
+from gcs_bridge.viewer.solids import Colour, Point
 
 __all__ = [
     "ANGLES",
-    "APART_M",
     "ARC_M",
     "AXIS_M",
     "DISAGREEMENT",
     "DOWN_M",
-    "GROUND_M",
+    "FIELD_M",
+    "LEGEND",
+    "MOST_RATE_M",
     "MOTION",
+    "RATE_M_PER_RAD_S",
     "UTC",
+    "Legend",
     "Part",
+    "Source",
     "State",
+    "airframe_parts",
     "boot_timeline",
     "corrected_parts",
+    "field_parts",
     "ghost_parts",
     "motion_parts",
     "name_tag",
     "path_of",
+    "source_parts",
+    "unturned_parts",
     "vehicle_parts",
     "world_parts",
 ]
 
 Part = tuple[str, rr.AsComponents]
 State = Literal["compared", "not compared", "warning", "alarm"]
-Point = tuple[float, float, float]
-Colour = tuple[int, int, int]
 
 UTC = "utc"
 ANGLES = ("roll", "pitch", "yaw")
@@ -70,6 +89,28 @@ _PALE = ((255, 165, 155), (165, 240, 165), (165, 200, 255))
 _QUATERNION, _EULER = (90, 200, 250), (255, 175, 60)
 _AXIS, _CORRECTED = (255, 240, 120), (150, 255, 110)
 _ACCELEROMETER, _BOUND = (235, 110, 235), (150, 150, 150)
+_AHRS2, _FIELD, _RATES = (0, 205, 150), (205, 165, 120), (240, 240, 240)
+_HORIZON = (125, 140, 155)
+
+Source = Literal["quaternion", "euler"]
+Legend = Literal["quaternion", "euler", "ahrs2", "down", "field", "rates"]
+LEGEND: dict[Legend, tuple[str, Colour]] = {  # in the order in which it is written
+    "quaternion": ("quaternion", _QUATERNION),
+    "euler": ("Euler", _EULER),
+    "ahrs2": ("AHRS2", _AHRS2),
+    "rates": ("body rates", _RATES),
+    "down": ("accelerometer", _ACCELEROMETER),
+    "field": ("magnetic field", _FIELD),
+}
+# Of the vehicles, one after the other; told apart by people who see no red or no green, by lightness if nothing else.
+_VEHICLES: tuple[Colour, ...] = (
+    (143, 163, 181),
+    (0, 114, 178),
+    (204, 121, 167),
+    (0, 158, 115),
+    (240, 240, 230),
+    (150, 90, 40),
+)
 _STATES: dict[State, tuple[str, Colour]] = {
     "compared": ("compared", (67, 160, 71)),
     "not compared": ("NO COMPARE", (255, 179, 0)),
@@ -95,12 +136,13 @@ _MOTION = {  # entity, its lines and their colours
 }
 MOTION = tuple(_MOTION)
 
-APART_M = 3.2  # from one vehicle to the next, towards the east
 _TRIAD_M = (1.15, 1.0, 0.9)  # forward, right, down
 ARC_M = 0.95  # where the arc of a disagreement lies on the axes
 AXIS_M = 1.9  # the length of the arrow that it turns about
 DOWN_M = 1.15  # the length of the arrows that point down
-GROUND_M = 1.0  # the grid lies so far below the vehicles
+FIELD_M = 1.3  # the length of the arrow of the magnetic field, whatever its strength
+RATE_M_PER_RAD_S = 1.0  # the length of the arrow of the body rates,
+MOST_RATE_M = 1.4  # which grows no longer than this
 
 _CORRECTED_M = 1.55  # a triad that is to be seen wherever it falls onto another
 _DASHES_A_AXIS = 8
@@ -110,11 +152,8 @@ _DASHES = [
     for dash in range(_DASHES_A_AXIS)
 ]
 
-# A paper plane in body axes (m): nose, left and right tail, notch, fin.
-_NOSE, _LEFT, _RIGHT, _NOTCH, _FIN = (0.8, 0, 0), (-0.6, -0.55, 0), (-0.6, 0.55, 0), (-0.4, 0, 0), (-0.65, 0, -0.35)
-_TRIANGLES = ((_NOSE, _RIGHT, _NOTCH), (_NOSE, _NOTCH, _LEFT), (_NOTCH, _FIN, _NOSE))
-_SHADES = (0x8FA3B5FF, 0x8FA3B5FF, 0x6F8395FF)
-_OUTLINES = ((_NOSE, _RIGHT, _NOTCH, _LEFT, _NOSE), (_NOTCH, _FIN, _NOSE))
+# Triads beside the solid one reach a little further, each with tips in its own colour: seen even where all agree.
+_THIN = {"euler": (1.1, _EULER), "ahrs2": (1.22, _AHRS2)}
 
 
 def path_of(key: VehicleId, *parts: str) -> str:
@@ -131,30 +170,28 @@ def boot_timeline(boot: int) -> str:
     return f"boot_{boot}" if boot else "boot"
 
 
-def world_parts() -> Iterator[Part]:
-    """The world's coordinates and its labelled axes, which stand on the ground."""
+def world_parts(vehicles: int = 1, names: Collection[Legend] = ()) -> Iterator[Part]:
+    """The world's coordinates, its labelled axes, and the legend of what is drawn."""
     yield "/", rr.ViewCoordinates.FRD  # x forward, y right, z down: north-east-down to a camera that looks north
-    corner = np.array((0.3, -2.0, GROUND_M - 0.6))
-    vectors = 0.6 * np.eye(3)
-    yield "axes", rr.Arrows3D(origins=[corner] * 3, vectors=vectors, colors=[_RED, _GREEN, _BLUE], radii=0.012)
-    yield "axes/labels", _labels(corner + 1.2 * vectors, ("north", "east", "down"))
+    places = written_places(vehicles)
+    corner, length = np.array(places.corner), places.axis_m
+    vectors = length * np.eye(3)
+    colours = [_RED, _GREEN, _BLUE]
+    yield "axes", rr.Arrows3D(origins=[corner] * 3, vectors=vectors, colors=colours, radii=0.025 * length)
+    yield "axes/labels", _texts(places.tips, ("north", "east", "down"), colours)
+    told = [entry for name, entry in LEGEND.items() if name in names]
+    texts, colours = [text for text, _ in told], [colour for _, colour in told]
+    yield "legend", _texts(places.legend[: len(told)], texts, colours, radius=length / 15)
 
 
 def vehicle_parts(key: VehicleId, place: int) -> Iterator[Part]:
-    """All of a vehicle that never changes; it is the `place`-th, from 0."""
+    """What never changes of a vehicle, whatever it sends; it is the `place`-th, from 0."""
     body = path_of(key, "body")
-    yield body, rr.Transform3D(translation=(0, place * APART_M, 0))
-
-    solid = f"{body}/quaternion"
-    corners = [corner for triangle in _TRIANGLES for corner in triangle]
-    shades = [shade for shade in _SHADES for _ in range(3)]
-    yield f"{solid}/airframe", rr.Mesh3D(vertex_positions=corners, vertex_colors=shades)
-    vectors = np.diag(_TRIAD_M)
-    yield f"{solid}/axes", rr.Arrows3D(vectors=vectors, colors=[_RED, _GREEN, _BLUE], radii=0.026)
-    yield f"{solid}/labels", _labels(vectors * 1.1, ("forward", "right", "down"))
-
-    yield f"{body}/euler/airframe", rr.LineStrips3D(_OUTLINES, colors=[_EULER], radii=0.012)
-
+    yield body, rr.Transform3D(translation=place_of(place))
+    for name, lines in rose(GROUND_M):
+        width = rr.Radius.ui_points(0.5 if name == "degrees" else 0.8)  # as wide from afar as from near
+        yield f"{body}/compass/{name}", rr.LineStrips3D(lines, colors=[_light(place)], radii=width)
+    yield f"{body}/compass/horizon", rr.LineStrips3D(horizon(GROUND_M), colors=[_HORIZON], radii=0.005)
     for angle in ANGLES:
         yield path_of(key, angle, "euler"), rr.SeriesLines(names="Euler", colors=_EULER, widths=4.0)
         yield path_of(key, angle, "quaternion"), rr.SeriesLines(names="quaternion", colors=_QUATERNION, widths=1.5)
@@ -164,6 +201,47 @@ def vehicle_parts(key: VehicleId, place: int) -> Iterator[Part]:
     yield path_of(key, "state"), rr.StateConfiguration(values=list(_STATES), labels=labels, colors=colours)
 
 
+def source_parts(key: VehicleId, source: Source | Literal["ahrs2"]) -> Iterator[Part]:
+    """What turns with the attitudes of a source, from the first of them on; how the vehicle looks comes in addition."""
+    path = path_of(key, "body", source)
+    vectors = np.diag(_TRIAD_M)
+    if source == "quaternion":
+        yield f"{path}/axes", rr.Arrows3D(vectors=vectors, colors=[_RED, _GREEN, _BLUE], radii=0.026)
+    else:
+        reach, colour = _THIN[source]
+        tips = reach * vectors
+        yield (
+            f"{path}/axes",
+            rr.LineStrips3D([[(0, 0, 0), tip] for tip in tips], colors=[_RED, _GREEN, _BLUE], radii=0.01),
+        )
+        yield f"{path}/tips", rr.Points3D(tips, colors=colour, radii=0.03)
+    if source != "ahrs2":  # which has no rates
+        yield f"{path}/rates", rr.Arrows3D.from_fields(colors=_RATES, radii=0.018 if source == "quaternion" else 0.009)
+
+
+def airframe_parts(key: VehicleId, place: int, vehicle_type: str, source: Source) -> Iterator[Part]:
+    """How a vehicle of a type looks: solid by the quaternion, an outline by the Euler angles."""
+    looks, path = airframe_of(shape_of(vehicle_type), _colour(place)), path_of(key, "body", source, "airframe")
+    if source == "quaternion":
+        yield path, _solid(looks)
+    else:
+        yield path, rr.LineStrips3D(looks.outline, colors=[_EULER], radii=0.012)
+
+
+def unturned_parts(key: VehicleId, place: int, vehicle_type: str) -> Iterator[Part]:
+    """The same by the quaternion alone, of a vehicle that asks displays to turn it."""
+    looks = airframe_of(shape_of(vehicle_type), _colour(place))
+    yield (
+        path_of(key, "body", "quaternion", "unturned"),
+        rr.LineStrips3D(looks.outline, colors=[_colour(place)], radii=0.008),
+    )
+
+
+def field_parts(key: VehicleId) -> Iterator[Part]:
+    """How the magnetic field is drawn."""
+    yield path_of(key, "body", "field"), rr.Arrows3D.from_fields(colors=_FIELD, radii=0.01)
+
+
 def ghost_parts(path: str) -> Iterator[Part]:
     """What shows a disagreement, under `path`; its attitudes, axis and arc come at each instant."""
     yield f"{path}/ghost/axes", rr.LineStrips3D(_DASHES, colors=np.repeat(_PALE, _DASHES_A_AXIS, axis=0), radii=0.012)
@@ -171,11 +249,12 @@ def ghost_parts(path: str) -> Iterator[Part]:
     yield f"{path}/arc", rr.LineStrips3D.from_fields(colors=_DISAGREEMENT["angle"][0], radii=0.016, show_labels=True)
 
 
-def corrected_parts(path: str, text: str) -> Iterator[Part]:
-    """The triad of an attitude whose mistake is undone, with that said at its right; it is turned by `path`."""
-    vectors = _CORRECTED_M * np.eye(3)
-    yield f"{path}/axes", rr.Arrows3D(vectors=vectors, colors=_CORRECTED, radii=0.007)
-    yield f"{path}/name", rr.Points3D(vectors[1:2], labels=text, colors=_CORRECTED, radii=0.004, show_labels=True)
+def corrected_parts(key: VehicleId, text: str) -> Iterator[Part]:
+    """The triad of an attitude whose mistake is undone; that is said at a place of its own, whatever the attitude."""
+    path = path_of(key, "body", "corrected")
+    yield f"{path}/axes", rr.Arrows3D(vectors=_CORRECTED_M * np.eye(3), colors=_CORRECTED, radii=0.007)
+    yield f"{path}/name", _texts([UNDONE_AT], [text], [_CORRECTED])
+    yield f"{path}/name", rr.CoordinateFrame(f"tf#/{path_of(key, 'body')}")
 
 
 def motion_parts(key: VehicleId) -> Iterator[Part]:
@@ -191,11 +270,28 @@ def motion_parts(key: VehicleId) -> Iterator[Part]:
         )
 
 
-def name_tag(key: VehicleId, state: State) -> rr.Points3D:
-    """The vehicle's name and state above it."""
-    text, colour = _STATES[state]
-    return rr.Points3D([(0, 0, -0.75)], labels=f"{key.name} {text}", colors=colour, radii=0.004, show_labels=True)
+def name_tag(key: VehicleId, state: State | None) -> rr.Points3D:
+    """The vehicle's name and state above it; None: nothing is known of that yet."""
+    text, colour = ("", _BOUND) if state is None else _STATES[state]
+    return _texts([NAME_AT], [f"{key.name} {text}".strip()], [colour])
 
 
-def _labels(tips: npt.NDArray[np.float64], texts: Sequence[str]) -> rr.Points3D:
-    return rr.Points3D(tips, labels=texts, colors=[_RED, _GREEN, _BLUE], radii=0.004, show_labels=True)
+def _colour(place: int) -> Colour:
+    return _VEHICLES[place % len(_VEHICLES)]
+
+
+def _light(place: int) -> Colour:
+    """The same for thin lines."""
+    red, green, blue = ((3 * shade + 255) // 4 for shade in _colour(place))
+    return red, green, blue
+
+
+def _solid(looks: Airframe) -> rr.Mesh3D:
+    colours = np.repeat(looks.colours.astype(np.uint8), 3, axis=0)
+    return rr.Mesh3D(vertex_positions=looks.corners.reshape(-1, 3), vertex_colors=colours)
+
+
+def _texts(
+    places: Sequence[Point] | Floats, texts: Sequence[str], colours: Sequence[Colour], radius: float = 0.004
+) -> rr.Points3D:
+    return rr.Points3D(places, labels=texts, colors=colours, radii=radius, show_labels=True)

@@ -6,7 +6,7 @@ Attitudes are drawn as sent, never normalised.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -31,21 +31,19 @@ from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer import scene
 from gcs_bridge.viewer.base import ViewerSink
 from gcs_bridge.viewer.disagreement import Apart, Shown
+from gcs_bridge.viewer.figure import Figure, New
 from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.motion_lines import MotionLines
 from gcs_bridge.viewer.pace import Pace
 from gcs_bridge.viewer.processes import Window
 from gcs_bridge.viewer.rows import PLOT_HOLD_US, Instant, Rows, Times, instant_of, pair_times
-from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, boot_timeline, path_of
+from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, Legend, Source, boot_timeline, path_of
 
 __all__ = ["RerunSink", "new_recording"]
 
 
 _TICK_S = 0.02  # so long rerun gathers a live link's events; samples are gathered already, and go at once
 _HOLD_US = 45_000  # what is drawn of a live link grows some 20 times a second: each time costs as much as 100 rows
-
-_LEAST_OFFSET = 0.5  # the norm from which a `repr_offset_q` is one
-_AS_IT_IS = np.array([1.0, 0.0, 0.0, 0.0])
 
 _LEVELS = {
     "alarm_raised": "CRITICAL",
@@ -72,13 +70,14 @@ def new_recording(name: str, *, live: bool) -> rr.RecordingStream:
 class _Vehicle:
     """What is remembered of a vehicle."""
 
-    def __init__(self, key: VehicleId) -> None:
+    def __init__(self, key: VehicleId, place: int) -> None:
+        self.figure = Figure(key, place)
+        self.named = False  # above what is drawn
         self.compared: set[int] = set()  # boots in which something could be compared
         self.silent = False  # by the latest event: there is nothing to compare
         self.raised: dict[str, str] = {}  # alarms of all checks, by id: severity
         self.motion: MotionLines | None = None
         self.apart = Apart(key)
-        self.turned = _AS_IT_IS  # the airframes, as they are drawn
 
     @property
     def state(self) -> scene.State:
@@ -126,6 +125,7 @@ class RerunSink(ViewerSink):
         self._latest_rx_us = -1
         self._boots: set[int] = set()
         self._alarm: Instant | None = None
+        self._legend: set[Legend] = set()  # what has been drawn
         self._draw(scene.world_parts())
 
     def observe(self, observation: Observation) -> None:
@@ -153,26 +153,24 @@ class RerunSink(ViewerSink):
             return
         key = observations[0].vehicle
         segments = [one.segment for one in observations]
-        sources = {
+        sources: dict[Source, list[AttitudeSamples]] = {
             "euler": [segment.euler for segment in segments if len(segment.euler)],
             "quaternion": [segment.quaternion for segment in segments if len(segment.quaternion)],
         }
         if any(sources.values()):
             vehicle = self._vehicle(key)
+            self._draw_each(vehicle.figure.becomes(observations[-1].type))
             for source, parts in sources.items():
                 if parts:
                     samples = AttitudeSamples.joined(parts)
                     self._draw_attitude(key, source, samples.where(samples.valid))
-                    self._draw_turned(key, vehicle, samples)
+                    self._draw_each(vehicle.figure.attitudes(source, samples))
             self._draw_disagreement(key, vehicle, [one for one in observations if len(one.pairs)])
         if key in self._vehicles:
             for one in observations:
-                for more in self._vehicles[key].apart.feed(one):
-                    if isinstance(more, Rows):
-                        self._draw_rows(more)
-                    else:
-                        self._show([more])
+                self._draw_each(self._vehicles[key].apart.feed(one))
                 self._draw_motion(key, self._vehicles[key], one)
+            self._draw_each(self._vehicles[key].figure.others(observations))
 
     def events(self, events: Sequence[Event]) -> None:
         """Write events into the log, and what they mean for the comparison into its lane."""
@@ -256,7 +254,8 @@ class RerunSink(ViewerSink):
         vehicle = self._vehicles.get(key)
         if vehicle is None:
             self._draw(scene.vehicle_parts(key, len(self._vehicles)))
-            vehicle = self._vehicles[key] = _Vehicle(key)
+            vehicle = self._vehicles[key] = _Vehicle(key, len(self._vehicles))
+            self._draw(scene.world_parts(len(self._vehicles), self._legend))  # the more, the further away
             if self._live:
                 self._lay_out()
         return vehicle
@@ -268,6 +267,9 @@ class RerunSink(ViewerSink):
         if self._first is None:
             self._first = times.moment(0)
         self._boots.add(times.boot)
+        if not self._vehicle(key).named:  # nor has anything been said of it yet
+            self._set_time(times.moment(0))
+            self._name(key, None)
         self._latest_rx_us = max(self._latest_rx_us, int(times.t_rx_us.max()))
         rpy_rad = attitude.rpy_from_quaternion(samples.q_nb) if samples.rpy_rad is None else samples.rpy_rad
         angles = dict(zip(ANGLES, np.degrees(rpy_rad).T, strict=True))
@@ -291,24 +293,6 @@ class RerunSink(ViewerSink):
         degrees = np.degrees([values[name] for name in DISAGREEMENT]).T
         self._draw_rows(Rows(times, numbers={path_of(key, "disagreement"): degrees}))
 
-    def _draw_turned(self, key: VehicleId, vehicle: _Vehicle, samples: AttitudeSamples) -> None:
-        """Turn the drawn airframes, and nothing else, where the vehicle asks displays to: PX4's tailsitters do."""
-        offsets = samples.repr_offset_q
-        if offsets is None:  # angles bring none
-            return
-        if vehicle.turned is _AS_IT_IS and not offsets.any():  # so with nearly all
-            return
-        size = np.linalg.norm(offsets, axis=1)
-        asked = np.where((size >= _LEAST_OFFSET)[:, None], attitude.normalise(offsets), _AS_IT_IS)
-        changes = np.flatnonzero((np.diff(asked, axis=0, prepend=vehicle.turned[None]) != 0).any(axis=1))
-        if len(changes):
-            vehicle.turned = asked[-1]
-            turned = samples[changes]
-            times = Times(boot=int(turned.boot[0]), t_boot_us=turned.t_boot_us, t_rx_us=turned.t_rx_us)
-            xyzw = attitude.xyzw_from_wxyz(asked[changes])
-            for source in ("euler", "quaternion"):
-                self._draw_rows(Rows(times, {path_of(key, "body", source, "airframe"): xyzw}))
-
     def _draw_motion(self, key: VehicleId, vehicle: _Vehicle, observation: Observation) -> None:
         """Draw how the vehicle moves, from its first inertial sample on."""
         flight, boot, lines = observation.flight, observation.segment.boot, vehicle.motion
@@ -317,6 +301,7 @@ class RerunSink(ViewerSink):
                 return
             if lines is None:
                 self._draw(scene.motion_parts(key))
+                self._draw_legend({"down"})
             else:
                 self._draw_each(lines.flush())
             lines, first = MotionLines(key, boot), lines is None
@@ -325,9 +310,15 @@ class RerunSink(ViewerSink):
                 self._lay_out()
         self._draw_each(lines.feed(flight))
 
-    def _draw_each(self, several: Iterable[Rows]) -> None:
-        for rows in several:
-            self._draw_rows(rows)
+    def _draw_each(self, several: Iterable[Rows | Shown | New]) -> None:
+        for one in several:
+            if isinstance(one, Rows):
+                self._draw_rows(one)
+            elif isinstance(one, Shown):
+                self._show([one])
+            else:
+                self._draw(one.parts)
+                self._draw_legend(one.names)
 
     def _draw_rows(self, rows: Rows) -> None:
         """Draw rows now, or with those that follow."""
@@ -358,11 +349,21 @@ class RerunSink(ViewerSink):
 
     def _state(self, key: VehicleId, state: scene.State) -> None:
         self._rec.log(path_of(key, "state"), rr.StateChange(state=state))
+        self._name(key, state)
+
+    def _name(self, key: VehicleId, state: scene.State | None) -> None:
+        self._vehicle(key).named = True
         self._rec.log(path_of(key, "body", "name"), scene.name_tag(key, state))
 
     def _draw(self, parts: Iterable[scene.Part]) -> None:
         for path, archetype in parts:
             self._rec.log(path, archetype, static=True)
+
+    def _draw_legend(self, names: Collection[Legend]) -> None:
+        """Name what is drawn for the first time."""
+        if not self._legend.issuperset(names):
+            self._legend.update(names)
+            self._draw(scene.world_parts(len(self._vehicles), self._legend))
 
     def _timeline(self) -> str:
         """The clock to show things by: a boot's where there is but one, else the common one, if it is known."""

@@ -317,6 +317,7 @@ def test_a_display_offset_turns_what_is_drawn_and_nothing_that_is_compared(tmp_p
         assert np.linalg.norm(xyzw[0]) == pytest.approx(1, abs=1e-6)
         level = Rotation.from_quat(attitudes[-1]) * Rotation.from_quat(xyzw[0])
         assert level.magnitude() == pytest.approx(0, abs=1e-6)
+    assert f"{BODY}/quaternion/unturned" in recording.static()  # to be switched on
     _, disagreements = recording.rows("/vehicle/1.1/disagreement", "Scalars:scalars")
     assert np.array(disagreements)[:, 0].max() < 0.01
     _, small = drawn(tailsitter(np.array(turned) * 0.4), tmp_path / "b.rrd")

@@ -98,7 +98,7 @@ def test_the_disagreement_of_a_turned_quaternion_is_drawn_with_its_limit(tmp_pat
     _, levels = recording.rows("/vehicle/1.1/events", "TextLog:level")
     assert [level for level in levels if level != ["INFO"]] == [["WARN"], ["CRITICAL"]]
     _, tags = recording.rows("/vehicle/1.1/body/name", "Points3D:labels")
-    assert tags == [["1.1 compared"], ["1.1 ALARM"]]
+    assert tags == [["1.1"], ["1.1 compared"], ["1.1 ALARM"]]
 
 
 def moving(headings_deg: Any, force: Any) -> list[tuple[int, bytes]]:

@@ -23,6 +23,7 @@ from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from gcs_bridge.viewer import ViewerSink, open_viewer
+from gcs_bridge.viewer.airframes import NOSE
 from gcs_bridge.viewer.processes import free_port
 from gcs_bridge.viewer.served import ServedViewer
 from tests.helpers import wire
@@ -110,11 +111,11 @@ def test_yaw_90_turns_the_nose_east_and_down_is_drawn_downwards(tmp_path: Path, 
 
         def down_is_downwards(picture: Picture) -> None:
             rows_of_blue, columns_of_blue = np.nonzero(about(picture, (70, 130, 255), within=60))
-            rows_of_grey, columns_of_grey = np.nonzero(about(picture, (143, 163, 181), within=25))
+            rows_of_nose, columns_of_nose = np.nonzero(about(picture, NOSE, within=60))
             assert len(rows_of_blue) > 50
-            assert len(rows_of_grey) > 500
-            below = np.abs(columns_of_blue - columns_of_grey.mean()) < 60  # the body's arrow, not the world's
-            assert rows_of_blue[below].mean() > rows_of_grey.mean() + 20
+            assert len(rows_of_nose) > 50
+            below = np.abs(columns_of_blue - columns_of_nose.mean()) < 110  # the body's arrow, not the world's
+            assert rows_of_blue[below].mean() > rows_of_nose.mean() + 20
 
         viewer.shows(down_is_downwards, only="3D")
 
