@@ -34,6 +34,8 @@ import numpy.typing as npt
 import rerun as rr
 
 from gcs_bridge.telemetry.identity import VehicleId
+from gcs_bridge.viewer.palette import EULER as _EULER
+from gcs_bridge.viewer.palette import QUATERNION as _QUATERNION
 
 __all__ = [
     "ANGLES",
@@ -67,7 +69,6 @@ ANGLES = ("roll", "pitch", "yaw")
 
 _RED, _GREEN, _BLUE = (230, 70, 60), (70, 200, 80), (70, 130, 255)
 _PALE = ((255, 165, 155), (165, 240, 165), (165, 200, 255))
-_QUATERNION, _EULER = (90, 200, 250), (255, 175, 60)
 _AXIS, _CORRECTED = (255, 240, 120), (150, 255, 110)
 _ACCELEROMETER, _BOUND = (235, 110, 235), (150, 150, 150)
 _STATES: dict[State, tuple[str, Colour]] = {

@@ -73,6 +73,9 @@ def test_roll_pitch_and_yaw_are_written_as_sent_in_degrees(acro: Path) -> None:
     sent = said_by_pymavlink(FIXTURES / "b_copter_acro.tlog")["ATTITUDE"]
     for name in ("roll", "pitch", "yaw"):
         boot_us, degrees = Drawn(acro).numbers(f"/vehicle/1.1/{name}/euler", "Scalars:scalars")
+        is_gap = np.isnan(degrees)  # where the line would cross the plot
+        assert is_gap.sum() < 0.02 * len(sent)
+        boot_us, degrees = boot_us[~is_gap], degrees[~is_gap]
         assert boot_us.tolist() == [1000 * message.time_boot_ms for message in sent]
         assert degrees == pytest.approx([math.degrees(getattr(message, name)) for message in sent], abs=1e-9)
 
@@ -96,7 +99,7 @@ def test_the_disagreement_of_a_turned_quaternion_is_drawn_with_its_limit(tmp_pat
     _, states = recording.rows("/vehicle/1.1/state", "StateChange:state")
     assert states == [["compared"], ["alarm"]]
     _, levels = recording.rows("/vehicle/1.1/events", "TextLog:level")
-    assert [level for level in levels if level != ["INFO"]] == [["WARN"], ["CRITICAL"]]
+    assert [level for level in levels if level not in (["INFO"], ["…"])] == [["WARN"], ["CRITICAL"]]
     _, tags = recording.rows("/vehicle/1.1/body/name", "Points3D:labels")
     assert tags == [["1.1 compared"], ["1.1 ALARM"]]
 
