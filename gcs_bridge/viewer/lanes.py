@@ -43,6 +43,8 @@ __all__ = ["Lanes"]
 
 _EXPLAINED: Colour = (66, 133, 200)
 _PENDING: Colour = (240, 215, 80)
+_MODE_COLOURS: tuple[Colour, ...] = ((70, 100, 130), (110, 90, 140), (60, 120, 120), (120, 120, 80), (90, 90, 90))
+_MOST_MODES = 100  # that have colours: anybody may send any number of them
 _NOTHING, _AGREE = "nothing judged yet", "agree"
 
 
@@ -142,6 +144,7 @@ class Lanes:
         self._causes = 0  # as shown
         self._latest = Instant(0, None, -1)
         self._mode = ""
+        self._modes_seen: list[str] = []
 
     def observe(self, observation: Observation) -> Iterator[Shown]:
         """What a batch shows, but for what waits for its events."""
@@ -221,7 +224,11 @@ class Lanes:
                 mode += ", armed" if say.armed else ", disarmed"
                 if mode != self._mode:
                     self._mode = mode
-                    yield Shown(moment, [(path_of(self._key, "mode"), rr.StateChange(state=mode))])
+                    path = path_of(self._key, "mode")
+                    if mode not in self._modes_seen[:_MOST_MODES]:
+                        self._modes_seen.append(mode)
+                        yield Shown(moment, [(path, _of_modes(self._modes_seen[:_MOST_MODES]))], static=True)
+                    yield Shown(moment, [(path, rr.StateChange(state=mode))])
 
     def _wait(self, boot: int, t_boot_us: int, t_rx_us: int, what: _Judged | _Undone | _TakenBack) -> None:
         self._waiting.append(_Change(Instant(boot, t_boot_us, t_rx_us), what))
@@ -238,6 +245,12 @@ _CONFIGURATION = rr.StateConfiguration(
     labels=[state.upper() if state in _CAPITALS else state for state in _COLOURS],
     colors=list(_COLOURS.values()),
 )
+
+
+def _of_modes(modes: list[str]) -> rr.StateConfiguration:
+    """Colours that are no alarm's, each mode's its own for a while."""
+    colours = [_MODE_COLOURS[at % len(_MODE_COLOURS)] for at in range(len(modes))]
+    return rr.StateConfiguration(values=modes, colors=colours)
 
 
 def _first(observation: Observation, check: str) -> tuple[int, int]:

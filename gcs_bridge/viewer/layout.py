@@ -102,14 +102,14 @@ def _alone(key: VehicleId, timeline: str, plots: _Plots, *, moves: bool, alarmed
 
 def _fleet(vehicles: Mapping[VehicleId, bool], timeline: str, plots: _Plots) -> rrb.Container:
     """None, or several: what each comes to on the left, its numbers in a column of its own."""
-    states = plots.states([f"+ /{path_of(key, lane)}" for key in vehicles for lane in ("state", "mode")])
-    share = 0.8 + 0.6 * min(len(vehicles), 4)
-    left = rrb.Vertical(_bodies(list(vehicles)), states, _events(list(vehicles), timeline), row_shares=[6, share, 2.2])
+    states = plots.states([f"+ /{path_of(key, 'state')}" for key in vehicles], "Attitude is …")
+    share = 0.7 + 0.5 * min(len(vehicles), 6)
+    left = rrb.Vertical(_bodies(list(vehicles)), states, _events(list(vehicles), timeline), row_shares=[5, share, 2.4])
     columns: list[rrb.Container] = []
     for key, moves in vehicles.items():
         prefix = f"{key.name} "
         beside = rrb.Horizontal(_indicator(key, prefix), _alarms(key, prefix))
-        verdicts = plots.states([f"+ /{path_of(key, 'verdict')}/**"], f"{prefix}checks")
+        verdicts = plots.states([f"+ /{path_of(key, lane)}" for lane in ("mode", "verdict/**")], f"{prefix}checks")
         numbers = rrb.Tabs(plots.angles(key, prefix), plots.more(key, prefix, moves=moves), verdicts)
         columns.append(
             rrb.Vertical(beside, plots.disagreement(key, prefix), numbers, row_shares=[2.4, 1.8, 5], name=key.name)

@@ -48,7 +48,7 @@ _HOLD_US = 45_000  # what is drawn of a live link grows some 20 times a second: 
 _LEAST_OFFSET = 0.5  # the norm from which a `repr_offset_q` is one
 _AS_IT_IS = np.array([1.0, 0.0, 0.0, 0.0])
 
-_LINE = 100  # signs of an event that are seen beside plots; what is longer goes on below
+_LINE = 76  # signs of an event that are seen beside plots; what is longer goes on below
 _INDENT = 12 * "\N{NO-BREAK SPACE}"
 _GOES_ON = "…"
 

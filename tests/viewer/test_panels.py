@@ -176,7 +176,7 @@ def test_an_alarm_is_told_whole(tmp_path: Path) -> None:
     assert "yaw_offset" in said
     assert fix in said
     _, lines = recording.rows(f"{VEHICLE}/events", "TextLog:text")
-    assert max(len(line[0]) for line in lines) <= 100
+    assert max(len(line[0]) for line in lines) <= 76
     whole = " ".join(" ".join(line[0] for line in lines).split())
     assert fix in whole
 
