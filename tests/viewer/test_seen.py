@@ -123,7 +123,7 @@ def test_yaw_90_turns_the_nose_east_and_down_is_drawn_downwards(tmp_path: Path, 
 @pytest.mark.slow
 @can_draw
 def test_the_layout_shows_everything_without_a_click(tmp_path: Path, port: int) -> None:
-    """Bodies, horizon, lanes, alarms, events, four plots of attitude and nine in tabs; no complaint; an alarm is red."""
+    """Bodies, horizon, lanes, alarms, events, four plots of attitude, nine in tabs; no complaint; an alarm is red."""
     source = tmp_path / "turned.tlog"
     flown = (FIXTURES / "a_copter_square.tlog").read_bytes()
     source.write_bytes(inject(flown, [parse_fault("yaw_offset:25")], from_s=12))
