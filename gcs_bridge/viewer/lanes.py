@@ -155,8 +155,10 @@ class Lanes:
         boot = segment.boot
         for name, count in observation.judged.items():
             if count > self._judged.get(name, 0) and name not in self._judging:
-                self._judging.add(name)
-                self._wait(boot, *_first(observation, name), _Judged(name))
+                first = _first(observation, name)
+                if first is not None:
+                    self._judging.add(name)
+                    self._wait(boot, *first, _Judged(name))
         self._judged.update(observation.judged)
         causes = observation.corrected.causes
         if len(causes) and (self._causes_seen or causes.any()):
@@ -253,13 +255,17 @@ def _of_modes(modes: list[str]) -> rr.StateConfiguration:
     return rr.StateConfiguration(values=modes, colors=colours)
 
 
-def _first(observation: Observation, check: str) -> tuple[int, int]:
-    """The boot and receive time of the first of a batch's samples that a check judges."""
+def _first(observation: Observation, check: str) -> tuple[int, int] | None:
+    """The boot and receive time of the first of a batch's samples that a check judges; None: of none yet.
+
+    Of the two forms it is the first pair that agrees: what is apart may turn out to be as it should.
+    """
     segment, flight = observation.segment, observation.flight
     sources: list[tuple[Int64s, Int64s]] = [(segment.t_boot_us, segment.t_rx_us)]
     if check == EulerQuaternion.name:
-        judged = observation.disagreement.judged
-        sources.append((observation.pairs.t_boot_us[judged], observation.pairs.t_rx_us[judged]))
+        found = observation.disagreement
+        agrees = found.judged & (found.angle <= found.limit)
+        sources = [(observation.pairs.t_boot_us[agrees], observation.pairs.t_rx_us[agrees])]
     elif check in ("gravity", "gyro", "mag_heading"):
         sources.append((flight.imu_with_attitude.t_boot_us, flight.imu_with_attitude.t_rx_us))
     elif check == "secondary_estimate":
@@ -269,4 +275,4 @@ def _first(observation: Observation, check: str) -> tuple[int, int]:
     for t_boot_us, t_rx_us in reversed(sources):
         if len(t_boot_us):
             return int(t_boot_us[0]), int(t_rx_us[0])
-    return 0, -1
+    return None
