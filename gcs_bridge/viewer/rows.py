@@ -34,6 +34,16 @@ class Instant(NamedTuple):
     t_boot_us: int | None
     t_rx_us: int
 
+    def columns(self, n: int) -> list[rr.TimeColumn]:
+        """The times of n rows of this instant; none where neither is known."""
+        columns = []
+        if self.t_boot_us is not None:
+            boot_us = np.full(n, self.t_boot_us, "m8[us]")
+            columns.append(rr.TimeColumn(boot_timeline(self.boot), duration=boot_us))
+        if self.t_rx_us > 0:
+            columns.append(rr.TimeColumn(UTC, timestamp=np.full(n, self.t_rx_us, "M8[us]")))
+        return columns
+
 
 class Shown(NamedTuple):
     """From a moment on, other parts are shown; `static`: they hold for all times."""

@@ -189,11 +189,11 @@ class RerunSink(ViewerSink):
         level = _LEVELS.get(event.name, "INFO")
         if isinstance(event, AlarmRaised) and event.severity == "warning":
             level = "WARN"
-        first, *more = wrap(event_line(event), _LINE, subsequent_indent=_INDENT, drop_whitespace=True)
-        lines = [rr.TextLog(first, level=level), *(rr.TextLog(line, level=_GOES_ON) for line in more)]
+        lines = wrap(event_line(event), _LINE, subsequent_indent=_INDENT)
         path = path_of(vehicle_of(event), "events") if event.vehicle else "link/events"
-        for line in lines:
-            self._rec.log(path, line)
+        levels = [level, *[_GOES_ON] * (len(lines) - 1)]
+        if times := moment.columns(len(lines)):
+            self._rec.send_columns(path, times, rr.TextLog.columns(text=lines, level=levels))
         if not event.vehicle:
             return
         key = vehicle_of(event)
