@@ -89,7 +89,7 @@ def _alone(key: VehicleId, timeline: str, plots: _Plots, *, moves: bool, alarmed
     beside = rrb.Horizontal(_indicator(key), _alarms(key), column_shares=[1.0, 1.3])
     lanes = ("state", "mode", "verdict/**")
     states = plots.states([f"+ /{path_of(key, lane)}" for lane in lanes])
-    left = rrb.Vertical(_bodies([key]), beside, states, row_shares=[4.2, 4.2 if alarmed else 3.0, 3.8])
+    left = rrb.Vertical(_bodies([key]), beside, states, row_shares=[5.2, 3.8 if alarmed else 2.9, 3.3])
     columns = [plots.angles(key), plots.more(key, moves=moves)]
     right = rrb.Vertical(
         rrb.Horizontal(*columns),
