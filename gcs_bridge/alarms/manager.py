@@ -64,6 +64,13 @@ class AlarmTransition:
 Ask = Callable[[AlarmTransition], Iterable[Notice]]
 
 
+class TakenBack(NamedTuple):
+    """An alarm that was pending, and passed without a raise at `t_boot_us`: no event tells of that."""
+
+    id: str
+    t_boot_us: int
+
+
 class _At(NamedTuple):
     """A frame, and when it was received."""
 
@@ -77,6 +84,7 @@ class AlarmManager:
     def __init__(self, vehicle: VehicleId, specs: Iterable[AlarmSpec], settings: AlarmSettings) -> None:
         """Start with every alarm normal."""
         self.alarms: list[AlarmRecord] = []
+        self.taken_back: list[TakenBack] = []  # by what was told last
         self._vehicle = vehicle
         self._settings = settings
         self.ballot = Ballot(sorted(specs, key=lambda spec: spec.severity != "alarm"))
@@ -128,6 +136,7 @@ class AlarmManager:
 
         `ask` is called right behind each raise and right before each end of an alarm, to find out why.
         """
+        self.taken_back = []
         changes = sorted(self.ballot.changes(), key=lambda one: (one.frame_index, one.alarm))
         for frame_index, together in groupby(changes, key=lambda one: one.frame_index):
             at = _At(frame_index, link.at(frame_index))
@@ -150,6 +159,8 @@ class AlarmManager:
         elif after in PENDING and before not in PENDING:
             yield from self._begin(slot, change, at)
         elif before in PENDING and after not in PENDING | STANDING:
+            if slot.record is not None:
+                self.taken_back.append(TakenBack(slot.record.id, change.t_boot_us))
             slot.record = None
         elif after is State.RAISED and before in PENDING:
             yield from self._raise(slot, change, at, ask)

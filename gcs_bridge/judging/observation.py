@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
+from gcs_bridge.alarms.manager import TakenBack
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.euler_quaternion import Disagreement
 from gcs_bridge.columns import record
@@ -29,6 +30,8 @@ class Observation:
     flight: CheckBatch
     corrected: Corrected
     notices: tuple[Notice, ...]
+    taken_back: tuple[TakenBack, ...]
+    judged: Mapping[str, int]
 
 
 Observer = Callable[[Observation], None]

@@ -325,6 +325,8 @@ class VehicleJudge:
                     flight=flight,
                     corrected=corrected,
                     notices=tuple(in_order(told_of)),
+                    taken_back=tuple(self.alarm_manager.taken_back),
+                    judged={check.name: check.judged for check in self._checks},
                 )
             )
 

@@ -16,6 +16,7 @@ from gcs_bridge.events import (
     CompareResumed,
     Damage,
     DiagnosisMade,
+    EstimatorReset,
     Event,
     LinkDown,
     NoCompare,
@@ -25,7 +26,7 @@ from gcs_bridge.events import (
     StreamStale,
 )
 from gcs_bridge.files import write_stdout
-from gcs_bridge.report.wording import difference
+from gcs_bridge.report.wording import difference, quantity
 from gcs_bridge.sinks.base import Plan, Sink
 from gcs_bridge.sinks.file import FileSink
 
@@ -44,7 +45,6 @@ _SAID = {
     "vehicle_seen": "vehicle seen",
     "vehicle_lost": "vehicle LOST: nothing comes from it any more",
     "reboot": "rebooted",
-    "estimator_reset": "the estimator was reset",
 }
 
 
@@ -143,6 +143,8 @@ def _said(event: Event) -> str:
             return f"boot clock stepped by {step_s:+.1f} s"
         case RateRequested() | ReceiverPaused():
             return event.reason
+        case EstimatorReset():
+            return _reset(event)
         case Damage(signature=str()):
             return f"signing: {event.reason}"
     said = [_SAID.get(event.name) or event.name.replace("_", " ")]
@@ -151,6 +153,12 @@ def _said(event: Event) -> str:
     if isinstance(event, LinkDown | Damage):
         said.append(event.reason)
     return ": ".join(said)
+
+
+def _reset(event: EstimatorReset) -> str:
+    steps = f"heading stepped by {quantity(event.heading, 'deg')}, tilt by {quantity(event.tilt, 'deg')}"
+    said = f" (said before it: {'; '.join(event.explained_by)})" if event.explained_by else ""
+    return f"the estimator was reset: {steps}{said}"
 
 
 def _alarm(event: AlarmEvent) -> str:

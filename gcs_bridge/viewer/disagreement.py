@@ -23,22 +23,15 @@ from gcs_bridge.events import AlarmCleared, AlarmEvent, DiagnosisMade
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.pairing.neighbours import in_order
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.viewer.rows import Instant, Rows, Times, instant_of, pair_times
+from gcs_bridge.viewer.rows import Instant, Rows, Shown, Times, instant_of, pair_times
 from gcs_bridge.viewer.scene import ARC_M, AXIS_M, Part, corrected_parts, ghost_parts, path_of
 
-__all__ = ["Apart", "Shown", "undoing"]
+__all__ = ["Apart", "undoing"]
 _ARC_POINTS = 17
 _NEAR_AXIS = math.cos(math.radians(30.0))  # the nose this near to the axis draws no arc to be seen: the right wing does
 _SILENT_US = 1_000_000  # so long without a pair, a stream may have been found silent; it takes longer than this
 _EVER = np.iinfo(np.int64).max
 _NORM = "quaternion_unnormalised"  # turns nothing
-
-
-class Shown(NamedTuple):
-    """From a moment on, other parts are shown."""
-
-    moment: Instant
-    parts: list[Part]
 
 
 class Undoing(NamedTuple):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Mapping, Sequence
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -10,58 +11,66 @@ from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.bodies import bodies_view
-from gcs_bridge.viewer.scene import ANGLES, MOTION, path_of
+from gcs_bridge.viewer.horizon import HALF_HEIGHT_DEG
+from gcs_bridge.viewer.panels import LEAST_POWER
+from gcs_bridge.viewer.scene import ANGLES, path_of
 
 __all__ = ["layout"]
 
 _ABREAST = 3  # so many vehicles' plots fit side by side
 _WINDOW_S = 60  # what a live plot shows
 _AROUND_US = 15_000_000  # what is shown before and after a moment that was asked for
-_TITLES = (
-    "acceleration, level frame, m/s²",
-    "velocity since rest ± drift, m/s; blank: no rest yet",
-    "displacement since rest ± drift, m; blank: no rest yet",
-    "down: accelerometer from attitude, degrees",
-    "heading, degrees",
+_MORE = {  # the tabs beside the angles: their plots, entities and titles
+    "motion": {
+        "motion/acceleration_h_m_s2": "m/s²: red forward, green right, blue down",
+        "motion/velocity_h_m_s": "velocity since rest, m/s",
+        "motion/displacement_h_m": "displacement since rest, m",
+    },
+    "down, heading, rates": {
+        "motion/down_apart_deg": "accelerometer's down, degrees off",
+        "motion/heading_deg": "heading, degrees",
+        "rates_deg_s": "rates, °/s: gyro; pale: attitude",
+    },
+    "streams": {
+        "streams/rate_hz": "messages a second",
+        "streams/age_s": "age of the newest, s, at most",
+        "streams/lost_percent": "frames lost, percent",
+    },
+}
+_STREAMS = "streams"
+_ANGLES = {
+    "roll": "roll: orange Euler, blue quaternion",
+    "pitch": "pitch, degrees",
+    "yaw": "yaw; grey bar below: near the pole",
+}
+_DISAGREEMENT = (
+    "disagreement, degrees: 10ʸ (−2: 0.01°, 0: 1°, 2: 100°): red angle, white limit, yellow tilt, blue heading"
 )
-_WITH_LEGEND = "acceleration_h_m_s2"  # the two below it have the same colours
-_AXES = {"heading_deg": rrb.ScalarAxis(range=(0.0, 360.0))}
+_MOST_DEG = 180.0
+_AXES = {"motion/heading_deg": rrb.ScalarAxis(range=(0.0, 360.0))}
+_HIDDEN = rrb.PlotLegend(visible=False)  # it would cover the curves: the titles tell what is what
 
 
 def layout(
     vehicles: Mapping[VehicleId, bool], timeline: str, *, live: bool, around_us: int | None = None, at_end: bool = False
 ) -> rrb.Blueprint:
-    """Everything on one screen: bodies, comparison and events on the left, each vehicle's numbers on the right.
+    """Everything on one screen: bodies and what the checks say of them on the left, the numbers on the right.
 
-    `vehicles`: each, and whether its motion is known. `around_us`: a time on the timeline, to be shown closer.
+    One vehicle has the screen to itself, with indicator and alarms; of several the numbers are one column each.
+    `vehicles`: each, and whether its motion is known. `live`: the last minute is shown, and how the streams arrive.
+    `around_us`: a time on the timeline, to be shown closer: that of an alarm, so its text has more room.
     `at_end`: the cursor starts at the end, not at the beginning; a layout can say no more of it (rerun 0.41).
     """
-    bodies = bodies_view(vehicles)
     span = _span(live=live, around_us=around_us)
     axis = rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=span)
-    states = rrb.StateTimelineView(
-        name="Attitude is …",
-        contents=[f"+ /{path_of(key, 'state')}" for key in vehicles],
-        time_view=axis,
-    )
-    events = rrb.TextLogView(
-        name="Events",
-        contents=["+ /link/events", *(f"+ /{path_of(key, 'events')}" for key in vehicles)],
-        # Each line tells its time and vehicle; rerun's own columns for them are too narrow to read.
-        columns=rrb.TextLogColumns(
-            timeline_columns=[TimelineColumn(timeline, visible=False)],
-            text_log_columns=[
-                TextLogColumn("EntityPath", visible=False),
-                TextLogColumn("LogLevel"),
-                TextLogColumn("Body"),
-            ],
-        ),
-    )
-    left = rrb.Vertical(bodies, states, events, row_shares=[6, 0.6 + 0.5 * len(vehicles), 2.2])
-    columns = _columns(vehicles, axis)
-    share = 5 if len(columns) <= 1 else 8 / len(columns)
+    plots = _Plots(axis, live=live)
+    if len(vehicles) == 1:
+        ((key, moves),) = vehicles.items()
+        page = _alone(key, timeline, plots, moves=moves, alarmed=around_us is not None or at_end)
+    else:
+        page = _fleet(vehicles, timeline, plots)
     return rrb.Blueprint(
-        rrb.Horizontal(left, *columns, column_shares=[6, *([share] * len(columns))]),
+        page,
         rrb.TimePanel(
             timeline=timeline,
             play_state="following" if live or at_end else "paused" if around_us else "playing",
@@ -77,42 +86,104 @@ def layout(
     )
 
 
-def _columns(vehicles: Mapping[VehicleId, bool], axis: rrb.TimeAxis) -> list[rrb.Container]:
-    """One vehicle's plots side by side; of several, one behind the other, and the vehicles side by side."""
-    if len(vehicles) == 1:
-        ((key, moves),) = vehicles.items()
-        return list(_numbers(key, axis, moves=moves))
+def _alone(key: VehicleId, timeline: str, plots: _Plots, *, moves: bool, alarmed: bool) -> rrb.Container:
+    beside = rrb.Horizontal(_indicator(key), _alarms(key), column_shares=[1.0, 1.3])
+    lanes = ("state", "mode", "verdict/**")
+    states = plots.states([f"+ /{path_of(key, lane)}" for lane in lanes])
+    left = rrb.Vertical(bodies_view([key]), beside, states, row_shares=[5.2, 3.8 if alarmed else 2.9, 3.3])
+    columns = [plots.angles(key), plots.more(key, moves=moves)]
+    right = rrb.Vertical(
+        rrb.Horizontal(*columns),
+        plots.disagreement(key),
+        _events([key], timeline),
+        row_shares=[5.4, 2.8, 2.4],
+    )
+    return rrb.Horizontal(left, right, column_shares=[5, 7])
+
+
+def _fleet(vehicles: Mapping[VehicleId, bool], timeline: str, plots: _Plots) -> rrb.Container:
+    """None, or several: what each comes to on the left, its numbers in a column of its own."""
+    states = plots.states([f"+ /{path_of(key, 'state')}" for key in vehicles], "Attitude is …")
+    share = 0.7 + 0.5 * min(len(vehicles), 6)
+    left = rrb.Vertical(bodies_view(vehicles), states, _events(list(vehicles), timeline), row_shares=[5, share, 2.4])
     columns: list[rrb.Container] = []
     for key, moves in vehicles.items():
-        name = key.name
-        columns.append(rrb.Tabs(*_numbers(key, axis, moves=moves, prefix=f"{name} "), name=name))
-    return columns if len(columns) <= _ABREAST else [rrb.Tabs(*columns)]
-
-
-def _numbers(key: VehicleId, axis: rrb.TimeAxis, *, moves: bool, prefix: str = "") -> Iterator[rrb.Vertical]:
-    """A vehicle's angles and, if it `moves`, its motion: a column each."""
-    angles = [
-        rrb.TimeSeriesView(
-            name=f"{prefix}{name}, degrees",
-            origin=f"/{path_of(key, name)}",
-            plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
-            axis_x=axis,
+        prefix = f"{key.name} "
+        beside = rrb.Horizontal(_indicator(key, prefix), _alarms(key, prefix))
+        verdicts = plots.states([f"+ /{path_of(key, lane)}" for lane in ("mode", "verdict/**")], f"{prefix}checks")
+        numbers = rrb.Tabs(plots.angles(key, prefix), plots.more(key, prefix, moves=moves), verdicts)
+        columns.append(
+            rrb.Vertical(beside, plots.disagreement(key, prefix), numbers, row_shares=[2.4, 1.8, 5], name=key.name)
         )
-        for name in (*ANGLES, "disagreement")
-    ]
-    yield rrb.Vertical(*angles, row_shares=[1, 1, 1, 1.4], name=f"{prefix}attitude")
-    if moves:
-        motion = [
-            rrb.TimeSeriesView(
-                name=f"{prefix}{title}",
-                origin=f"/{path_of(key, 'motion', entity)}",
-                plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=entity == _WITH_LEGEND),
-                axis_x=axis,
-                axis_y=_AXES.get(entity),
+    if len(columns) > _ABREAST:
+        columns = [rrb.Tabs(*columns)]
+    share = 5 if len(columns) <= 1 else 8 / len(columns)
+    return rrb.Horizontal(left, *columns, column_shares=[6, *([share] * len(columns))])
+
+
+def _indicator(key: VehicleId, prefix: str = "") -> rrb.View:
+    half = HALF_HEIGHT_DEG
+    return rrb.Spatial2DView(
+        name=f"{prefix}Horizon",
+        origin=f"/{path_of(key, 'horizon')}",
+        background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=(24, 28, 34)),
+        visual_bounds=rrb.VisualBounds2D(x_range=(-half, half), y_range=(-half, half)),
+    )
+
+
+def _alarms(key: VehicleId, prefix: str = "") -> rrb.View:
+    return rrb.TextDocumentView(name=f"{prefix}Alarms", origin=f"/{path_of(key, 'alarms')}")
+
+
+def _events(vehicles: Sequence[VehicleId], timeline: str) -> rrb.View:
+    return rrb.TextLogView(
+        name="Events",
+        contents=["+ /link/events", *(f"+ /{path_of(key, 'events')}" for key in vehicles)],
+        # Each line tells its time and vehicle; rerun's own columns for them are too narrow to read.
+        columns=rrb.TextLogColumns(
+            timeline_columns=[TimelineColumn(timeline, visible=False)],
+            text_log_columns=[
+                TextLogColumn("EntityPath", visible=False),
+                TextLogColumn("LogLevel"),
+                TextLogColumn("Body"),
+            ],
+        ),
+    )
+
+
+class _Plots:
+    """Plots on one axis of time."""
+
+    def __init__(self, axis: rrb.TimeAxis, *, live: bool) -> None:
+        self._axis = axis
+        self._live = live
+
+    def states(self, contents: list[str], name: str = "Attitude is …; each check") -> rrb.View:
+        return rrb.StateTimelineView(name=name, contents=contents, time_view=self._axis)
+
+    def angles(self, key: VehicleId, prefix: str = "") -> rrb.Container:
+        views = [self._plot(f"{prefix}{_ANGLES[angle]}", path_of(key, angle)) for angle in ANGLES]
+        return rrb.Vertical(*views, name=f"{prefix}attitude")
+
+    def disagreement(self, key: VehicleId, prefix: str = "") -> rrb.View:
+        reach = rrb.ScalarAxis(range=(LEAST_POWER, math.log10(_MOST_DEG) + 0.1), zoom_lock=True)
+        return self._plot(f"{prefix}{_DISAGREEMENT}", path_of(key, "disagreement_power"), reach)
+
+    def more(self, key: VehicleId, prefix: str = "", *, moves: bool) -> rrb.Container:
+        """Motion, if it is known, and how the streams arrive: the latter first while they do."""
+        tabs = _MORE if moves else {_STREAMS: _MORE[_STREAMS]}
+        shown = list(tabs).index(_STREAMS) if self._live else 0
+        columns = [
+            rrb.Vertical(
+                *(self._plot(f"{prefix}{title}", path_of(key, path), _AXES.get(path)) for path, title in plots.items()),
+                name=name,
             )
-            for entity, title in zip(MOTION, _TITLES, strict=True)
+            for name, plots in tabs.items()
         ]
-        yield rrb.Vertical(*motion, name=f"{prefix}motion")
+        return rrb.Tabs(*columns, active_tab=shown, name=f"{prefix}motion and streams")
+
+    def _plot(self, name: str, path: str, reach: rrb.ScalarAxis | None = None) -> rrb.View:
+        return rrb.TimeSeriesView(name=name, origin=f"/{path}", plot_legend=_HIDDEN, axis_x=self._axis, axis_y=reach)
 
 
 def _span(*, live: bool, around_us: int | None) -> rr.TimeRange:

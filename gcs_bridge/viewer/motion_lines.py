@@ -7,10 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.columns import Floats
 from gcs_bridge.judging.dead_reckoning import MotionSamples, MotionTracker
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.viewer.rows import PLOT_HOLD_US, Rows, Times
+from gcs_bridge.viewer.rows import PLOT_HOLD_US, Rows, Times, broken_at_wraps
 from gcs_bridge.viewer.scene import DOWN_M, MOTION, path_of
 
 __all__ = ["MotionLines"]
@@ -48,14 +47,7 @@ class MotionLines:
         )
         arrows = {self._arrow: DOWN_M * np.nan_to_num(moved.accelerometer_down_n)}  # none where there is free fall
         yield Rows(times, numbers=dict(zip(paths, lines, strict=True)), arrows=arrows)
-        broken, heading_deg = self._without_wraps(times, np.degrees(moved.heading_rad))
-        yield Rows(broken, numbers={heading: heading_deg})
-
-    def _without_wraps(self, times: Times, heading_deg: Floats) -> tuple[Times, Floats]:
-        """The headings with a break before each that lies across north, so that no line crosses the plot."""
-        before = np.concatenate(([self._heading_deg], heading_deg[:-1]))
-        across = np.flatnonzero(np.abs(heading_deg - before) > 180.0)
-        self._heading_deg = heading_deg[-1]
-        t_boot_us, t_rx_us = (np.insert(t_us, across, t_us[across] - 1) for t_us in (times.t_boot_us, times.t_rx_us))
-        broken = Times(boot=times.boot, t_boot_us=t_boot_us, t_rx_us=t_rx_us)
-        return broken, np.insert(heading_deg, across, np.nan)
+        heading_deg = np.degrees(moved.heading_rad)
+        broken, values = broken_at_wraps(times, heading_deg, self._heading_deg, 180.0)
+        self._heading_deg = float(heading_deg[-1])
+        yield Rows(broken, numbers={heading: values})

@@ -17,9 +17,9 @@ import rerun as rr
 from gcs_bridge.columns import Columns, Floats, Int64s, record
 from gcs_bridge.events import Event
 from gcs_bridge.judging.observation import Observation
-from gcs_bridge.viewer.scene import UTC, boot_timeline
+from gcs_bridge.viewer.scene import UTC, Part, boot_timeline
 
-__all__ = ["PLOT_HOLD_US", "Instant", "Rows", "Times", "instant_of", "pair_times"]
+__all__ = ["PLOT_HOLD_US", "Instant", "Rows", "Shown", "Times", "broken_at_wraps", "instant_of", "pair_times"]
 
 PLOT_HOLD_US = 200_000
 """A live link's plots grow five times a second: the eye sees no more, and each time costs as much as 100 rows."""
@@ -33,6 +33,24 @@ class Instant(NamedTuple):
     boot: int
     t_boot_us: int | None
     t_rx_us: int
+
+    def columns(self, n: int) -> list[rr.TimeColumn]:
+        """The times of n rows of this instant; none where neither is known."""
+        columns = []
+        if self.t_boot_us is not None:
+            boot_us = np.full(n, self.t_boot_us, "m8[us]")
+            columns.append(rr.TimeColumn(boot_timeline(self.boot), duration=boot_us))
+        if self.t_rx_us > 0:
+            columns.append(rr.TimeColumn(UTC, timestamp=np.full(n, self.t_rx_us, "M8[us]")))
+        return columns
+
+
+class Shown(NamedTuple):
+    """From a moment on, other parts are shown; `static`: they hold for all times."""
+
+    moment: Instant
+    parts: list[Part]
+    static: bool = False
 
 
 @record
@@ -60,7 +78,7 @@ class Rows:
     """What is drawn at n times, by path.
 
     `attitudes` (n, 4) as [x, y, z, w]; `numbers` (n,) or (n, series); `arrows` (n, 3) and the points of lines, `strips`
-    (n, points, 3), in their parent's axes; `labels` (n,) of the strips.
+    (n, points, 3), in their parent's axes; `labels` (n,) of the strips; `poses` (n, 7) places [x, y, z], and attitudes.
     """
 
     times: Times
@@ -69,11 +87,12 @@ class Rows:
     arrows: Mapping[str, Floats] = field(default_factory=dict)
     strips: Mapping[str, Floats] = field(default_factory=dict)
     labels: Mapping[str, Texts] = field(default_factory=dict)
+    poses: Mapping[str, Floats] = field(default_factory=dict)
 
     @property
     def paths(self) -> tuple[str, ...]:
         """Where they are drawn."""
-        return (*self.attitudes, *self.numbers, *self.arrows, *self.strips)
+        return (*self.attitudes, *self.numbers, *self.arrows, *self.strips, *self.poses)
 
     @classmethod
     def joined(cls, parts: list[Rows]) -> Rows:
@@ -104,11 +123,28 @@ class Rows:
                 recording.send_columns(path, columns, rr.Scalars.columns(scalars=numbers[picked]))
             for path, vectors in self.arrows.items():
                 recording.send_columns(path, columns, rr.Arrows3D.columns(vectors=vectors[picked]))
+            for path, poses in self.poses.items():
+                moved = rr.Transform3D.columns(translation=poses[picked, :3], quaternion=poses[picked, 3:])
+                recording.send_columns(path, columns, moved)
             for path, strips in self.strips.items():
                 labels = self.labels[path][picked]
                 recording.send_columns(
                     path, columns, rr.LineStrips3D.columns(strips=list(strips[picked]), labels=labels)
                 )
+
+
+def broken_at_wraps(times: Times, angle_deg: Floats, before_deg: float, beyond_deg: float) -> tuple[Times, Floats]:
+    """Angles (n,) with a row that is no number right before each that lies `beyond_deg` from the one before it.
+
+    So no line crosses the plot where an angle wraps. `before_deg`: what came before the first; NaN: nothing.
+    """
+    before = np.concatenate(([before_deg], angle_deg[:-1]))
+    across = np.flatnonzero(np.abs(angle_deg - before) > beyond_deg)
+    if not len(across):
+        return times, angle_deg
+    t_boot_us, t_rx_us = (np.insert(t_us, across, t_us[across] - 1) for t_us in (times.t_boot_us, times.t_rx_us))
+    broken = Times(boot=times.boot, t_boot_us=t_boot_us, t_rx_us=t_rx_us)
+    return broken, np.insert(angle_deg, across, np.nan)
 
 
 def instant_of(event: Event) -> Instant:

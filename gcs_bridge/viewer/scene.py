@@ -45,6 +45,8 @@ from gcs_bridge.columns import Floats
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.airframes import Airframe, airframe_of, shape_of
 from gcs_bridge.viewer.compass import horizon, rose
+from gcs_bridge.viewer.palette import EULER as _EULER
+from gcs_bridge.viewer.palette import QUATERNION as _QUATERNION
 from gcs_bridge.viewer.places import GROUND_M, NAME_AT, UNDONE_AT, place_of, written_places
 from gcs_bridge.viewer.solids import Colour, Point
 
@@ -86,7 +88,6 @@ ANGLES = ("roll", "pitch", "yaw")
 
 _RED, _GREEN, _BLUE = (230, 70, 60), (70, 200, 80), (70, 130, 255)
 _PALE = ((255, 165, 155), (165, 240, 165), (165, 200, 255))
-_QUATERNION, _EULER = (90, 200, 250), (255, 175, 60)
 _AXIS, _CORRECTED = (255, 240, 120), (150, 255, 110)
 _ACCELEROMETER, _BOUND = (235, 110, 235), (150, 150, 150)
 _AHRS2, _FIELD, _RATES = (0, 205, 150), (205, 165, 120), (240, 240, 240)

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Sequence
+from textwrap import wrap
 from typing import Literal
 
 import numpy as np
 import rerun as rr
 
 from gcs_bridge import attitude
-from gcs_bridge.checks.euler_quaternion import Disagreement, EulerQuaternion
+from gcs_bridge.checks.euler_quaternion import EulerQuaternion
 from gcs_bridge.events import (
     AlarmCleared,
     AlarmRaised,
@@ -30,20 +31,25 @@ from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer import scene
 from gcs_bridge.viewer.base import ViewerSink
-from gcs_bridge.viewer.disagreement import Apart, Shown
+from gcs_bridge.viewer.disagreement import Apart
 from gcs_bridge.viewer.figure import Figure, New
 from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.motion_lines import MotionLines
 from gcs_bridge.viewer.pace import Pace
+from gcs_bridge.viewer.panels import Panels, panel_parts
 from gcs_bridge.viewer.processes import Window
-from gcs_bridge.viewer.rows import PLOT_HOLD_US, Instant, Rows, Times, instant_of, pair_times
-from gcs_bridge.viewer.scene import ANGLES, DISAGREEMENT, UTC, Legend, Source, boot_timeline, path_of
+from gcs_bridge.viewer.rows import PLOT_HOLD_US, Instant, Rows, Shown, Times, instant_of, pair_times
+from gcs_bridge.viewer.scene import UTC, Legend, Source, boot_timeline, path_of
 
 __all__ = ["RerunSink", "new_recording"]
 
 
 _TICK_S = 0.02  # so long rerun gathers a live link's events; samples are gathered already, and go at once
 _HOLD_US = 45_000  # what is drawn of a live link grows some 20 times a second: each time costs as much as 100 rows
+
+_LINE = 76  # signs of an event that are seen beside plots; what is longer goes on below
+_INDENT = 12 * "\N{NO-BREAK SPACE}"
+_GOES_ON = "…"
 
 _LEVELS = {
     "alarm_raised": "CRITICAL",
@@ -78,6 +84,7 @@ class _Vehicle:
         self.raised: dict[str, str] = {}  # alarms of all checks, by id: severity
         self.motion: MotionLines | None = None
         self.apart = Apart(key)
+        self.panels = Panels(key)
 
     @property
     def state(self) -> scene.State:
@@ -163,19 +170,26 @@ class RerunSink(ViewerSink):
             for source, parts in sources.items():
                 if parts:
                     samples = AttitudeSamples.joined(parts)
-                    self._draw_attitude(key, source, samples.where(samples.valid))
+                    self._draw_attitude(key, vehicle, source, samples.where(samples.valid))
                     self._draw_each(vehicle.figure.attitudes(source, samples))
             self._draw_disagreement(key, vehicle, [one for one in observations if len(one.pairs)])
         if key in self._vehicles:
+            vehicle = self._vehicles[key]
             for one in observations:
-                self._draw_each(self._vehicles[key].apart.feed(one))
-                self._draw_motion(key, self._vehicles[key], one)
-            self._draw_each(self._vehicles[key].figure.others(observations))
+                self._draw_each(vehicle.apart.feed(one))
+                self._draw_each(vehicle.panels.observe(one))
+                self._draw_motion(key, vehicle, one)
+            self._draw_each(vehicle.figure.others(observations))
 
     def events(self, events: Sequence[Event]) -> None:
         """Write events into the log, and what they mean for the comparison into its lane."""
         for event in events:
             self._draw_event(event)
+        self._settle()
+
+    def _settle(self) -> None:
+        for vehicle in self._vehicles.values():
+            self._show(vehicle.panels.settle())
 
     def _draw_event(self, event: Event) -> None:
         self._draw_observed()  # it leads up to the event
@@ -188,13 +202,17 @@ class RerunSink(ViewerSink):
         level = _LEVELS.get(event.name, "INFO")
         if isinstance(event, AlarmRaised) and event.severity == "warning":
             level = "WARN"
-        text = rr.TextLog(event_line(event), level=level)
+        lines = wrap(event_line(event), _LINE, subsequent_indent=_INDENT)
+        path = path_of(vehicle_of(event), "events") if event.vehicle else "link/events"
+        levels = [level, *[_GOES_ON] * (len(lines) - 1)]
+        if times := moment.columns(len(lines)):
+            self._rec.send_columns(path, times, rr.TextLog.columns(text=lines, level=levels))
         if not event.vehicle:
-            self._rec.log("link/events", text)
             return
         key = vehicle_of(event)
         vehicle = self._vehicle(key)
-        self._rec.log(path_of(key, "events"), text)
+        self._show(vehicle.panels.hear(event))
+        self._set_time(moment)
         if isinstance(event, AlarmRaised):
             vehicle.raised[event.id] = event.severity
             self._alarm = self._alarm or moment
@@ -215,7 +233,7 @@ class RerunSink(ViewerSink):
 
     def finish(self, at: Literal["alarm"] | int | None = None) -> bool:
         """Lay the whole out, around the first alarm or a receive time if `at` asks for it."""
-        self.flush()
+        self.close()
         moment = self._alarm if at == "alarm" else None if at is None else self._at(at)
         if moment is None:
             self._lay_out()
@@ -232,12 +250,13 @@ class RerunSink(ViewerSink):
 
     def finish_moment(self, t_boot_us: int) -> None:
         """Nothing follows, and all was around this time of the only boot: lay it out so that it opens there."""
-        self.flush()
+        self.close()
         self._lay_out(t_boot_us, at_end=True)
 
     def close(self) -> None:
         """Draw what waits for more: none will come."""
         self.flush()
+        self._settle()
 
     def flush(self) -> None:
         """Draw what waits for more."""
@@ -254,13 +273,14 @@ class RerunSink(ViewerSink):
         vehicle = self._vehicles.get(key)
         if vehicle is None:
             self._draw(scene.vehicle_parts(key, len(self._vehicles)))
+            self._draw(panel_parts(key))
             vehicle = self._vehicles[key] = _Vehicle(key, len(self._vehicles))
             self._draw(scene.world_parts(len(self._vehicles), self._legend))  # the more, the further away
             if self._live:
                 self._lay_out()
         return vehicle
 
-    def _draw_attitude(self, key: VehicleId, source: str, samples: AttitudeSamples) -> None:
+    def _draw_attitude(self, key: VehicleId, vehicle: _Vehicle, source: str, samples: AttitudeSamples) -> None:
         if not len(samples):
             return
         times = Times(boot=int(samples.boot[0]), t_boot_us=samples.t_boot_us, t_rx_us=samples.t_rx_us)
@@ -272,26 +292,21 @@ class RerunSink(ViewerSink):
             self._name(key, None)
         self._latest_rx_us = max(self._latest_rx_us, int(times.t_rx_us.max()))
         rpy_rad = attitude.rpy_from_quaternion(samples.q_nb) if samples.rpy_rad is None else samples.rpy_rad
-        angles = dict(zip(ANGLES, np.degrees(rpy_rad).T, strict=True))
         xyzw = attitude.xyzw_from_wxyz(samples.q_nb)
         self._draw_rows(Rows(times, {path_of(key, "body", source): xyzw}))
-        self._draw_rows(Rows(times, numbers={path_of(key, name, source): values for name, values in angles.items()}))
+        self._draw_each(vehicle.panels.turn(source, times, rpy_rad))
 
     def _draw_disagreement(self, key: VehicleId, vehicle: _Vehicle, observations: Sequence[Observation]) -> None:
         if not observations:
             return
-        found = Disagreement.joined([one.disagreement for one in observations])
-        times = Times.joined([pair_times(one) for one in observations])
-        judged = np.flatnonzero(found.judged)
-        if len(judged) and times.boot not in vehicle.compared:
-            vehicle.compared.add(times.boot)
-            self._set_time(times.moment(int(judged[0])))
-            self._state(key, "compared")
-        # What could not be judged is left open, not drawn as a value.
-        values = {name: np.where(found.judged, getattr(found, name), np.nan) for name in ("angle", "tilt", "heading")}
-        values["limit"] = found.limit
-        degrees = np.degrees([values[name] for name in DISAGREEMENT]).T
-        self._draw_rows(Rows(times, numbers={path_of(key, "disagreement"): degrees}))
+        boot = observations[0].segment.boot
+        for one in observations:
+            judged = np.flatnonzero(one.disagreement.judged)
+            if len(judged) and boot not in vehicle.compared:
+                vehicle.compared.add(boot)
+                self._set_time(pair_times(one).moment(int(judged[0])))
+                self._state(key, "compared")
+        self._draw_each(vehicle.panels.compare(observations))
 
     def _draw_motion(self, key: VehicleId, vehicle: _Vehicle, observation: Observation) -> None:
         """Draw how the vehicle moves, from its first inertial sample on."""
@@ -324,7 +339,7 @@ class RerunSink(ViewerSink):
         """Draw rows now, or with those that follow."""
         waiting = self._waiting.setdefault((rows.times.boot, *rows.paths), [])
         waiting.append(rows)
-        if self._holds and not rows.attitudes:
+        if self._holds and not (rows.attitudes or rows.poses):
             first_us, last_us = waiting[0].times.t_boot_us[0], rows.times.t_boot_us[-1]
             enough = abs(last_us - first_us) >= PLOT_HOLD_US
         else:
@@ -345,7 +360,7 @@ class RerunSink(ViewerSink):
         for shown in several:
             self._set_time(shown.moment)
             for path, archetype in shown.parts:
-                self._rec.log(path, archetype)
+                self._rec.log(path, archetype, static=shown.static)
 
     def _state(self, key: VehicleId, state: scene.State) -> None:
         self._rec.log(path_of(key, "state"), rr.StateChange(state=state))

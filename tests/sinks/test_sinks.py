@@ -28,7 +28,7 @@ from gcs_bridge.events import (
     head,
 )
 from gcs_bridge.judging.monitor import Monitor
-from gcs_bridge.sinks.event_lines import event_json, event_line, is_alarm, is_detail
+from gcs_bridge.sinks.event_lines import event_json, event_line, event_words, is_alarm, is_detail
 from gcs_bridge.sinks.file import LiveFile
 from gcs_bridge.telemetry.identity import VehicleId
 from tests.helpers.live_links import fixture, tlog_of
@@ -91,6 +91,15 @@ def test_events_as_lines() -> None:
         "ATTITUDE and ATTITUDE_QUATERNION are not one rotation: 25.00°, tilt 0.00°, heading 25.00°",
     }
     assert "euler_quaternion: yaw_offset" in diagnosis
+
+
+def test_an_estimators_reset_is_told_with_its_size() -> None:
+    """Heading and tilt of the step, and what the vehicle said before it."""
+    reset = EstimatorReset(**of((1, 1)), tilt=0.012, heading=-21.7, explained_by=("EKF3 IMU0 yaw aligned",))
+    told = event_words(reset)
+    assert told == (
+        "the estimator was reset: heading stepped by -21.70°, tilt by 0.01° (said before it: EKF3 IMU0 yaw aligned)"
+    )
 
 
 def of(vehicle: tuple[int, int] | None, check: str | None = None) -> Any:

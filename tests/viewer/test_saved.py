@@ -73,6 +73,9 @@ def test_roll_pitch_and_yaw_are_written_as_sent_in_degrees(acro: Path) -> None:
     sent = said_by_pymavlink(FIXTURES / "b_copter_acro.tlog")["ATTITUDE"]
     for name in ("roll", "pitch", "yaw"):
         boot_us, degrees = Drawn(acro).numbers(f"/vehicle/1.1/{name}/euler", "Scalars:scalars")
+        is_gap = np.isnan(degrees)  # where the line would cross the plot
+        assert is_gap.sum() < 0.02 * len(sent)
+        boot_us, degrees = boot_us[~is_gap], degrees[~is_gap]
         assert boot_us.tolist() == [1000 * message.time_boot_ms for message in sent]
         assert degrees == pytest.approx([math.degrees(getattr(message, name)) for message in sent], abs=1e-9)
 
@@ -96,7 +99,7 @@ def test_the_disagreement_of_a_turned_quaternion_is_drawn_with_its_limit(tmp_pat
     _, states = recording.rows("/vehicle/1.1/state", "StateChange:state")
     assert states == [["compared"], ["alarm"]]
     _, levels = recording.rows("/vehicle/1.1/events", "TextLog:level")
-    assert [level for level in levels if level != ["INFO"]] == [["WARN"], ["CRITICAL"]]
+    assert [level for level in levels if level not in (["INFO"], ["…"])] == [["WARN"], ["CRITICAL"]]
     _, tags = recording.rows("/vehicle/1.1/body/name", "Points3D:labels")
     assert tags == [["1.1"], ["1.1 compared"], ["1.1 ALARM"]]
 
@@ -210,10 +213,11 @@ def test_live_attitudes_come_at_once_and_plots_soon(tmp_path: Path) -> None:
     for at in range(0, len(data), 600):
         told += monitor.feed_recording(data[at : at + 600])
     recording.flush()
-    names = {"body/quaternion": "Transform3D:quaternion", "roll/quaternion": "Scalars:scalars"}
 
     def seen() -> list[NDArray[np.int64]]:
-        return [Drawn(path).rows(f"/vehicle/1.1/{entity}", component)[0] for entity, component in names.items()]
+        turns, _ = Drawn(path).rows("/vehicle/1.1/body/quaternion", "Transform3D:quaternion")
+        boot_us, roll = Drawn(path).numbers("/vehicle/1.1/roll/quaternion", "Scalars:scalars")
+        return [turns, boot_us[~np.isnan(roll)]]
 
     attitudes, plots = seen()
     sink.events(told[-1:])
@@ -315,7 +319,7 @@ def test_a_killed_process_leaves_a_readable_file(tmp_path: Path) -> None:
     program = [sys.executable, "-c", code, "replay", *arguments]
     process = subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     part = tmp_path / "a.partial.rrd"
-    eventually(lambda: part.exists() and part.stat().st_size > 200_000)
+    eventually(lambda: part.exists() and part.stat().st_size > 600_000)
     process.send_signal(signal.SIGKILL)
     process.wait()
     assert not (tmp_path / "a.rrd").exists()

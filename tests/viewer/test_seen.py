@@ -43,6 +43,7 @@ from tests.helpers.viewer_tools import (
 
 TOLERANCE = 1e-6  # of a rotation matrix's entries: the wire's numbers are float32
 BODY = "/vehicle/1.1/body"
+PANELS = ["2D", "3D", "StateTimeline", "TextDocument", "TextLog"]  # and plots
 
 
 @pytest.fixture(autouse=True)
@@ -123,7 +124,7 @@ def test_yaw_90_turns_the_nose_east_and_down_is_drawn_downwards(tmp_path: Path, 
 @pytest.mark.slow
 @can_draw
 def test_the_layout_shows_everything_without_a_click(tmp_path: Path, port: int) -> None:
-    """Bodies, comparison, events, four plots of attitude and five of motion; no complaint; an alarm is red to see."""
+    """Bodies, horizon, lanes, alarms, events, four plots of attitude, nine in tabs; no complaint; an alarm is red."""
     source = tmp_path / "turned.tlog"
     flown = (FIXTURES / "a_copter_square.tlog").read_bytes()
     source.write_bytes(inject(flown, [parse_fault("yaw_offset:25")], from_s=12))
@@ -132,12 +133,12 @@ def test_the_layout_shows_everything_without_a_click(tmp_path: Path, port: int) 
     with headless(path, port) as viewer:
         viewer.wait_for("boot", 100_000_000)
         viewer.go_to(30_000_000)
-        eventually(lambda: viewer.views() == ["3D", "StateTimeline", "TextLog", *["TimeSeries"] * 9])
+        eventually(lambda: viewer.views() == [*PANELS, *["TimeSeries"] * 13])
 
         def all_is_there(picture: Picture) -> None:
             assert picture.shape[:2] == (900, 1400)
             assert about(picture, (229, 57, 53), within=60).sum() > 2000  # the lane of the alarm
-            for colour in ((90, 200, 250), (255, 175, 60), (235, 110, 235)):  # lines of both sources, and the down's
+            for colour in ((90, 200, 250), (255, 175, 60), (38, 84, 148)):  # lines of both sources, and the sky
                 assert about(picture, colour, within=40).sum() > 200
 
         viewer.shows(all_is_there)
@@ -161,7 +162,7 @@ def test_a_late_viewer_sees_the_history_and_what_never_changes(port: int) -> Non
             late.wait_for("boot", 15_800_000)
             eventually(lambda: begin_us(late) == 10_000_000)
             eventually(lambda: late.edge(BODY)["sample_time"] == {"kind": "static"})
-            eventually(lambda: len(late.views()) == 7)
+            eventually(lambda: late.views() == [*PANELS, *["TimeSeries"] * 7])
 
 
 @pytest.mark.slow
