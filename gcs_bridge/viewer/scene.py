@@ -246,14 +246,14 @@ def field_parts(key: VehicleId) -> Iterator[Part]:
 def ghost_parts(path: str) -> Iterator[Part]:
     """What shows a disagreement, under `path`; its attitudes, axis and arc come at each instant."""
     yield f"{path}/ghost/axes", rr.LineStrips3D(_DASHES, colors=np.repeat(_PALE, _DASHES_A_AXIS, axis=0), radii=0.012)
-    yield f"{path}/axis", rr.Arrows3D.from_fields(colors=_AXIS, radii=0.012)
+    yield f"{path}/axis", rr.Arrows3D.from_fields(colors=_AXIS, radii=0.018)
     yield f"{path}/arc", rr.LineStrips3D.from_fields(colors=_DISAGREEMENT["angle"][0], radii=0.016, show_labels=True)
 
 
 def corrected_parts(key: VehicleId, text: str) -> Iterator[Part]:
     """The triad of an attitude whose mistake is undone; that is said at a place of its own, whatever the attitude."""
     path = path_of(key, "body", "corrected")
-    yield f"{path}/axes", rr.Arrows3D(vectors=_CORRECTED_M * np.eye(3), colors=_CORRECTED, radii=0.007)
+    yield f"{path}/axes", rr.Arrows3D(vectors=_CORRECTED_M * np.eye(3), colors=_CORRECTED, radii=0.01)
     yield f"{path}/name", _texts([UNDONE_AT], [text], [_CORRECTED])
     yield f"{path}/name", rr.CoordinateFrame(f"tf#/{path_of(key, 'body')}")
 

@@ -323,7 +323,7 @@ def test_the_page_shows_the_same_in_a_browser() -> None:
                 picture = pixels(page.screenshot())[65:285, :380]
                 solid = about(picture, (143, 163, 181), within=25).sum()
                 outline = about(picture, (255, 175, 60), within=60).sum()
-                return bool(solid > 500 and outline > 100)
+                return bool(solid > 250 and outline > 100)
 
             eventually(drawn, 120)
             browser.close()
