@@ -14,6 +14,7 @@ from gcs_bridge import Monitor
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from tests.helpers import wire
+from tests.helpers.everyday import in_turns
 from tests.helpers.paths import FIXTURES, ROOT
 
 pytestmark = pytest.mark.slow
@@ -89,8 +90,14 @@ def test_two_attitudes(apart_deg: float, hz: tuple[float, float], late_s: float)
     assert (verdict, bool(said)) == ("alarm", True)
 
 
-@pytest.mark.parametrize("hz", [(20.0, 20.0), (50.0, 10.0), (10.0, 1.0), (4.0, 4.0), (4.0, 2.0)])
-@pytest.mark.parametrize("apart_ms", [0, 7, 2_500, 20_000, 400_000, -9_000])
+@pytest.mark.parametrize(
+    ("hz", "apart_ms"),
+    in_turns(
+        2,
+        [(20.0, 20.0), (50.0, 10.0), (10.0, 1.0), (4.0, 4.0), (4.0, 2.0)],
+        [0, 7, 2_500, 20_000, 400_000, -9_000],
+    ),
+)
 def test_two_vehicles_that_fly(hz: tuple[float, float], apart_ms: int) -> None:
     """Each by its own motion and on its own clock."""
     flights = [
@@ -152,11 +159,14 @@ FLIGHT = "c_copter_4hz"
 
 
 @pytest.mark.parametrize(
-    "fault",
-    ["loss:0.5", "reorder:0.5", "duplicate:0.5", "corrupt:0.003", "time_skew:3000", "euler_degrees", "quaternion_xyzw",
-     "euler_xyz_order", "yaw_sign", "roll_pitch_swapped", "frozen_euler", "thin:ATTITUDE=1"],
+    ("fault", "name"),
+    in_turns(
+        1,
+        ["loss:0.5", "reorder:0.5", "duplicate:0.5", "corrupt:0.003", "time_skew:3000", "euler_degrees",
+         "quaternion_xyzw", "euler_xyz_order", "yaw_sign", "roll_pitch_swapped", "frozen_euler", "thin:ATTITUDE=1"],
+        [FLIGHT, "b_copter_acro", "f_reboot", "f_reboot", FLIGHT],
+    ),
 )  # fmt: skip
-@pytest.mark.parametrize("name", [FLIGHT, "b_copter_acro", "f_reboot"])
 def test_one_sender_on_a_bad_link(fault: str, name: str) -> None:
     """Whatever is lost, late, doubled or damaged, or stamped wrongly, is no second sender."""
     data = inject((FIXTURES / f"{name}.tlog").read_bytes(), [parse_fault(fault)])

@@ -28,7 +28,7 @@ from tests.helpers.craft import (
     watched,
 )
 from tests.helpers.craft import check as entry_of
-from tests.helpers.everyday import one_in
+from tests.helpers.everyday import in_turns, one_in
 from tests.helpers.paths import ROOT
 
 pytestmark = pytest.mark.slow
@@ -77,7 +77,7 @@ def test_a_flight_whose_stamps_never_meet() -> None:
 
 
 @pytest.mark.parametrize(
-    ("hz", "apart_ms", "trim_deg"), one_in(7, [(*link, trim) for link in RADIO for trim in AHRS_TRIMS])
+    ("hz", "apart_ms", "trim_deg"), one_in(4, [(*link, trim) for link, trim in in_turns(2, RADIO, AHRS_TRIMS)])
 )
 def test_ahrs_trim_is_fitted(hz: float, apart_ms: int, trim_deg: tuple[float, float]) -> None:
     """Both numbers, whatever the rate and the distance of the stamps, before anything is alarmed."""
@@ -87,7 +87,7 @@ def test_ahrs_trim_is_fitted(hz: float, apart_ms: int, trim_deg: tuple[float, fl
 
 
 @pytest.mark.parametrize(
-    ("hz", "apart_ms", "trim_deg"), one_in(7, [(*link, trim) for link in RADIO for trim in PITCH_TRIMS])
+    ("hz", "apart_ms", "trim_deg"), one_in(4, [(*link, trim) for link, trim in in_turns(2, RADIO, PITCH_TRIMS)])
 )
 def test_a_pitch_trim_is_fitted(hz: float, apart_ms: int, trim_deg: float) -> None:
     """And a bank tells it from a mount offset."""
@@ -180,7 +180,7 @@ def test_it_does_not_matter_how_the_bytes_are_cut() -> None:
 
 @pytest.mark.parametrize(
     ("hz", "apart_ms", "deg"),
-    one_in(4, [(*link, deg) for link in ((25.0, 7), (10.0, 50), (5.0, 60)) for deg in (5.0, 1.2, 25.0)]),
+    one_in(4, [(*link, deg) for link, deg in in_turns(2, ((25.0, 7), (10.0, 50), (5.0, 60)), (5.0, 1.2, 25.0))]),
 )
 def test_a_yaw_offset_is_found_beside_a_pitch_trim(hz: float, apart_ms: int, deg: float) -> None:
     """And named, as where the stamps meet."""
@@ -201,13 +201,13 @@ def test_a_yaw_offset_is_found_beside_a_pitch_trim(hz: float, apart_ms: int, deg
     assert alarm["diagnosis"]["value"] == pytest.approx(deg, abs=0.3)
 
 
-@pytest.mark.parametrize("kind", [PLANE, QUADROTOR])
 @pytest.mark.parametrize(
-    ("fault", "cause"),
+    ("fault", "cause", "kind"),
     [
-        (yawed(4.0, 0.0), "yaw_offset"),
-        (mounted(0.0, 4.0, 0.0), "mount_offset"),
-        (mounted(4.0, 0.0, 0.0), "mount_offset"),
+        (yawed(4.0, 0.0), "yaw_offset", PLANE),
+        (mounted(0.0, 4.0, 0.0), "mount_offset", PLANE),
+        (mounted(0.0, 4.0, 0.0), "mount_offset", QUADROTOR),
+        (mounted(4.0, 0.0, 0.0), "mount_offset", QUADROTOR),
     ],
 )
 def test_a_mistake_from_the_start_is_no_trim(fault: Any, cause: str, kind: int) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.helpers.craft import Array, alarms, check, highres_imu, raw_imu, watched
-from tests.helpers.everyday import one_in
+from tests.helpers.everyday import in_turns, one_in
 from tests.helpers.oscillating import swing
 
 # Of the swing's frequency to the samples'. Nearer to 1 and 2 the beat is slower than what is looked back on, and a gyro
@@ -19,8 +19,10 @@ def flown(*given: Any, **more: Any) -> dict[str, Any]:
     return watched(swing(*given, **more))[1]
 
 
-@pytest.mark.parametrize("ratio", one_in(3, RATIOS))
-@pytest.mark.parametrize(("sampled_hz", "imu_hz", "place"), one_in(2, STREAMS))
+@pytest.mark.parametrize(
+    ("sampled_hz", "imu_hz", "place", "ratio"),
+    one_in(4, [(*streams, ratio) for ratio, streams in in_turns(2, RATIOS, STREAMS)]),
+)
 def test_a_swing_that_the_samples_miss_is_no_fault(
     sampled_hz: float, imu_hz: float, place: float, ratio: float
 ) -> None:

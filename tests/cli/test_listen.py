@@ -32,6 +32,7 @@ from tests.helpers.paths import FIXTURES
 
 FLIGHT = fixture("a_copter_square", from_s=75, to_s=80, fault="yaw_offset:25")
 ALARMING = fixture("d_plane_pitchtrim3", to_s=12, fault="yaw_offset:25")  # on top of the trim
+LONGEST_RECORD = 8 + 280  # a receive time, and a frame of MAVLink 2
 ALARM = "ALARM euler_quaternion: ATTITUDE and ATTITUDE_QUATERNION are not one rotation: 25.00°"
 NO_VIEWER = ("--viewer", "none")
 
@@ -131,7 +132,10 @@ def test_a_signal_while_nothing_comes() -> None:
 
 @pytest.mark.slow
 def test_killed(tmp_path: Path) -> None:
-    """After kill −9 the recording has every frame that was judged, and its alarms."""
+    """After kill −9 the recording has every frame that was judged, and its alarms.
+
+    Behind them a part of the record that was being written may stay; the next run on this file cuts it off.
+    """
     port, tlog, events = free_port(), tmp_path / "live.tlog", tmp_path / "events.jsonl"
     frames = ALARMING
     with listening(port, "--record", str(tlog), "--events", str(events)) as process:
@@ -142,7 +146,9 @@ def test_killed(tmp_path: Path) -> None:
             assert process.ended()[0] == -signal.SIGKILL
     recorded = frames_of(tlog.read_bytes())
     assert [frame.data for frame in recorded] == [frame.data for frame in frames[: len(recorded)]]
-    assert tlog_of(recorded) == tlog.read_bytes()
+    whole = tlog_of(recorded)
+    assert tlog.read_bytes().startswith(whole)
+    assert len(tlog.read_bytes()) - len(whole) < LONGEST_RECORD
     (told,) = [e for e in map(json.loads, events.read_text().splitlines()) if e["event"] == "alarm_raised"]
     (alarm,) = gcs_bridge.check(tlog).to_dict()["files"][0]["vehicles"][0]["alarms"]
     assert (alarm["id"], alarm["raised_boot_s"]) == (told["id"], told["boot_s"])

@@ -28,7 +28,7 @@ from gcs_bridge.recordings.inject import inject
 from gcs_bridge.settings import AlignmentSettings
 from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples
 from tests.helpers import diagnosis_oracle as oracle
-from tests.helpers.everyday import one_in
+from tests.helpers.everyday import in_turns, one_in
 from tests.helpers.paths import FIXTURES as SITL
 from tests.helpers.wire import Motion, record, records
 
@@ -577,9 +577,15 @@ def untold(folder: Path, name: str, *faults: str) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rates", ["as it is", "10 and 4 Hz"])
-@pytest.mark.parametrize("name", TRIMMED)
-@pytest.mark.parametrize("fault", ["quaternion_conjugate", "roll_pitch_swapped", "yaw_offset:12", "time_skew:-250"])
+@pytest.mark.parametrize(
+    ("fault", "name", "rates"),
+    in_turns(
+        2,
+        ["quaternion_conjugate", "roll_pitch_swapped", "yaw_offset:12", "time_skew:-250"],
+        list(TRIMMED),
+        ["as it is", "10 and 4 Hz", "10 and 4 Hz"],
+    ),
+)
 def test_a_mistake_beside_an_untold_trim(tmp_path: Path, name: str, rates: str, fault: str) -> None:
     """A mistake from the first sample on, and a trim that nobody told: in flight both are named, with their values."""
     (vehicle,) = gcs_bridge.check(untold(tmp_path, name, *RATES[rates], fault)).to_dict()["files"][0]["vehicles"]

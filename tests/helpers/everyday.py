@@ -1,6 +1,6 @@
 """What of a heavy family of cases is for every day, and what for the whole run alone."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pytest
@@ -12,3 +12,18 @@ def one_in(n: int, cases: Iterable[Any]) -> list[Any]:
         pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=[pytest.mark.slow] if i % n else [])
         for i, case in enumerate(cases)
     ]
+
+
+def in_turns(rounds: int, *axes: Sequence[Any]) -> list[tuple[Any, ...]]:
+    """Cases in which each value of each axis comes `rounds` times at least, with another of the others each time.
+
+    Where all combinations would show little more: three axes of five values are 125 cases, in two rounds ten.
+    """
+    longest = max(map(len, axes))
+    return list(
+        dict.fromkeys(
+            tuple(axis[(case + turn * place) % len(axis)] for place, axis in enumerate(axes))
+            for turn in range(rounds)
+            for case in range(longest)
+        )
+    )
