@@ -28,7 +28,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -94,6 +94,22 @@ class Listening:
         return json.loads(errors.splitlines()[-1]) if errors.endswith("}\n") else {}
 
 
+def clock(used_s: dict[str, float], name: str, owner: Any, method: str) -> None:
+    """Add the processor time of a class's method to `used_s`, under this name, from now on."""
+    inner = getattr(owner, method)
+    used_s[name] = 0.0
+
+    @functools.wraps(inner)
+    def outer(*arguments: Any, **options: Any) -> Any:
+        began_s = time.thread_time()
+        try:
+            return inner(*arguments, **options)
+        finally:
+            used_s[name] += time.thread_time() - began_s
+
+    setattr(owner, method, outer)
+
+
 def listen_timed() -> None:
     """The program with a clock at the stages of its loop; what they took is told on standard error at the end."""
     from gcs_bridge.cli import main
@@ -103,24 +119,11 @@ def listen_timed() -> None:
     from gcs_bridge.mavlink.scanner import Scanner
 
     used_s: dict[str, float] = {}
-
-    def timed(inner: Callable[..., Any], name: str) -> Callable[..., Any]:
-        used_s[name] = 0.0
-
-        @functools.wraps(inner)
-        def outer(*arguments: Any, **options: Any) -> Any:
-            began_s = time.thread_time()
-            try:
-                return inner(*arguments, **options)
-            finally:
-                used_s[name] += time.thread_time() - began_s
-
-        return outer
-
-    Link.drain = timed(Link.drain, "socket")  # type: ignore[method-assign]
-    Scanner.scan_chunks = timed(Scanner.scan_chunks, "scan")  # type: ignore[method-assign]
-    Monitor.take = timed(Monitor.take, "take")  # type: ignore[method-assign]
-    listen = timed(loop.listen, "all")
+    clock(used_s, "socket", Link, "drain")
+    clock(used_s, "scan", Scanner, "scan_chunks")
+    clock(used_s, "take", Monitor, "take")
+    clock(used_s, "all", loop, "listen")
+    listen = loop.listen
 
     def listen_anew(*arguments: Any, **options: Any) -> Any:
         used_s.update(dict.fromkeys(used_s, 0.0))  # what was warmed up before is of no interest

@@ -9,7 +9,6 @@ answers, and of the one that waits for who comes.
 
 from __future__ import annotations
 
-import functools
 import json
 import signal
 import socket
@@ -19,9 +18,7 @@ import tempfile
 import threading
 import time
 import urllib.request
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from benchmarks import live, live_rate
 
@@ -36,24 +33,9 @@ def listen_timed() -> None:
     from gcs_bridge.metrics import served
 
     used_s: dict[str, float] = {}
-
-    def timed(inner: Callable[..., Any], name: str) -> Callable[..., Any]:
-        used_s[name] = 0.0
-
-        @functools.wraps(inner)
-        def outer(*arguments: Any, **options: Any) -> Any:
-            began_s = time.thread_time()
-            try:
-                return inner(*arguments, **options)
-            finally:
-                used_s[name] += time.thread_time() - began_s
-
-        return outer
-
-    server: Any = served._Server
-    server.process_request_thread = timed(server.process_request_thread, "answering")
-    server.serve_forever = timed(server.serve_forever, "waiting")
-    served.MetricsServer.run = timed(served.MetricsServer.run, "in the loop")  # type: ignore[method-assign]
+    live_rate.clock(used_s, "answering", served._Server, "process_request_thread")
+    live_rate.clock(used_s, "waiting", served._Server, "serve_forever")
+    live_rate.clock(used_s, "in the loop", served.MetricsServer, "run")
     code = main(sys.argv[1:])
     sys.stderr.write(json.dumps(used_s) + "\n")
     sys.exit(code)

@@ -35,7 +35,7 @@ def record(cls: type[T]) -> type[T]:
     names = frozenset(one.name for one in fields(made))
     defaults = {one.name: one.default for one in fields(made) if one.default is not MISSING}
 
-    def __init__(self: Any, **given: Any) -> None:  # noqa: N807  # it is one
+    def fill(self: Any, **given: Any) -> None:
         if given.keys() != names:
             given = defaults | given
             if given.keys() != names:
@@ -43,7 +43,7 @@ def record(cls: type[T]) -> type[T]:
                 raise TypeError(f"{type(self).__qualname__} takes its fields, each of them: not so {wrong}")
         self.__dict__.update(given)
 
-    made.__init__, made.__repr__, made.__setattr__, made.__delattr__ = __init__, _shown, _refused, _refused
+    made.__init__, made.__repr__, made.__setattr__, made.__delattr__ = fill, _shown, _refused, _refused
     return cls
 
 

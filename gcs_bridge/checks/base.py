@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypedDict
 
 import numpy as np
 
-import gcs_bridge.attitude.compiled  # noqa: F401  # checks' kernels call the attitude package
+import gcs_bridge.attitude.compiled  # noqa: F401  # its import lets kernels call this package
 from gcs_bridge.alarms.record import scale_of
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import Signal

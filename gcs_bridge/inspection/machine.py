@@ -7,7 +7,7 @@ import platform
 import shutil
 import sys
 from collections.abc import Callable
-from importlib import metadata, util
+from importlib import import_module, metadata, util
 from pathlib import Path
 
 from gcs_bridge import cache
@@ -37,9 +37,9 @@ def _python() -> MachinePart:
 
 def _kernels() -> MachinePart:
     """Those of all that judges; each is compiled once on a machine."""
-    import gcs_bridge.judging.monitor  # noqa: F401  # so that they are known
     from gcs_bridge.jit.kernels import KERNELS
 
+    import_module("gcs_bridge.judging.monitor")  # with it every module that has a kernel
     ready, all_of_them = sum(one.is_ready for one in KERNELS), len(KERNELS)
     kept_in = cache.writable()
     if kept_in is None:
