@@ -20,7 +20,7 @@ import time
 import urllib.request
 from pathlib import Path
 
-from benchmarks import live, live_rate
+from benchmarks import fleet, live, live_rate
 
 SCRAPES, EVERY_S = 20, 1.1
 PROMETHEUS_S = 5.0
@@ -57,9 +57,9 @@ def main() -> None:
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     process.stderr.readline()  # it says where
-    per_s, lasts_s = live_rate.VEHICLES * live_rate.PER_S, SCRAPES * EVERY_S + 8
+    per_s, lasts_s = live_rate.VEHICLES * fleet.PER_S, SCRAPES * EVERY_S + 8
     with tempfile.TemporaryDirectory() as folder:
-        frames = live_rate.flight(live_rate.VEHICLES, per_s * lasts_s)
+        frames = fleet.Fleet(live_rate.VEHICLES).first(per_s * lasts_s)
         flight = threading.Thread(target=live_rate.sent, args=(Path(folder), frames, link, per_s))
         flight.start()
         time.sleep(6)
