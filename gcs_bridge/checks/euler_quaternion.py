@@ -63,6 +63,7 @@ _MEMORY = np.dtype(
         ("latest_us", "i8"),  # of the mean
         ("bad_us", "i8"),  # the latest bad pair
         ("onset_us", "i8"),  # of the present disagreement
+        ("is_fault", "i8"),  # whether a pair of it was none that a firmware makes on purpose
         ("explained", "f8"),  # how often a trim had been fitted by then
         ("spoken_for", "f8"),  # and when a pair last agreed
     ]
@@ -343,7 +344,8 @@ def _tell(pairs: Any, i: Any, limits: Any, of: Any, found: Any) -> Any:
     judged = (found.angle[i] > limit or bound <= limits.usable_bound_rad) and not pairs.after_reset[i]
     found.limit[i], found.judged[i] = limit, judged
     found.counted[i] = judged and (interval_id == -1 or interval_id != of.interval_id)
-    of.interval_id = interval_id
+    if judged:
+        of.interval_id = interval_id
 
 
 @helper

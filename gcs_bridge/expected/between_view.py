@@ -21,7 +21,7 @@ from gcs_bridge.expected.between_fits import (
     refit_trims,
 )
 from gcs_bridge.expected.correction import AHRS_TRIM, PITCH_TRIM, VTOL_VIEW, Correction, CorrectionChange
-from gcs_bridge.expected.knowledge import FirmwareConfig
+from gcs_bridge.expected.knowledge import FirmwareConfig, left_of
 from gcs_bridge.expected.pairs import IN_A_ROW
 from gcs_bridge.expected.view import View
 
@@ -76,13 +76,13 @@ def _denied(view: View, more: BetweenPairs, told: FirmwareConfig, rival: Correct
     run = memory.window(more, memory.denied_since_us)
     last = run[-IN_A_ROW:]
 
-    def fits(other: Correction) -> bool:
-        return bool((last.residual(other) <= last.scale(noise_rad)).all())
+    def fits(other: Correction, but_for_rad: float = 0.0) -> bool:
+        return bool((last.residual(other) <= last.scale(noise_rad) + but_for_rad).all())
 
     for other in view.expected:
         if other != view.correction and fits(other) and explains(run, other, noise_rad):
             return CorrectionChange(at, other)
-    if rival is not None and not last.free.any() and fits(rival):
+    if rival is not None and not last.free.any() and fits(rival, left_of(rival)):
         return CorrectionChange(at, view.correction, view.fitted, gives_up=VTOL_VIEW)
     if view.by_between and (step := _refined(view, more)) is not None:
         return step

@@ -18,6 +18,7 @@ FORWARD, HOVER = 0, 1  # the views
 
 _MOST_VIEW_TRIM_RAD = math.radians(10.0)  # a larger one is not fitted
 TAILSITTER_RAD = math.radians(90.0)
+_LEFT_OF_VIEW_RAD = 2.0 * _MOST_VIEW_TRIM_RAD
 _VTOL_MODES = (17, 18, 19, 20, 21, 22, 23, 25)  # ArduPlane's QSTABILIZE … QACRO, and LOITER_ALT_QLAND
 _EITHER_MODES = (10, 14, 15, 24, 25)  # AUTO, AVOID_ADSB, GUIDED, THERMAL, LOITER_ALT_QLAND: hovering or not
 _KEEP_TRIM = 1 << 8  # FLIGHT_OPTIONS: the pitch trim is not subtracted
@@ -36,6 +37,14 @@ _LARGEST = {
 def is_possible(what: ParameterSet) -> bool:
     """Whether a parameter can have this value: a finite one, and no trim of more than 90°."""
     return math.isfinite(what.value) and abs(what.value) <= _LARGEST.get(what.name, math.inf)
+
+
+def left_of(view: Correction) -> float:
+    """How far from a view that was fitted, in rad, forward flight is none, but still pitched by what was taken for it.
+
+    A tailsitter's quarter turn goes with the mode. What stays is a mount, whatever trims come and go beside it.
+    """
+    return _LEFT_OF_VIEW_RAD if view.view_rad > TAILSITTER_RAD - _MOST_VIEW_TRIM_RAD else 0.0
 
 
 class FirmwareConfig:

@@ -20,7 +20,7 @@ from gcs_bridge.expected.correction import (
     Correction,
     CorrectionChange,
 )
-from gcs_bridge.expected.knowledge import FirmwareConfig
+from gcs_bridge.expected.knowledge import FirmwareConfig, left_of
 from gcs_bridge.expected.pairs import (
     BANK_RAD,
     IN_A_ROW,
@@ -152,7 +152,7 @@ class View:
             if at is not None:
                 steps.append(CorrectionChange(at, other))
         if rival is not None:
-            at = first(in_a_row((seen.residual(rival) <= self._noise_rad) & ~seen.free))
+            at = first(in_a_row((seen.residual(rival) <= self._noise_rad + left_of(rival)) & ~seen.free))
             if at is not None:
                 steps.append(CorrectionChange(at, self.correction, self.fitted, gives_up=VTOL_VIEW))
         if self.open & VTOL_VIEW and (not self.fitted or self.by_between):

@@ -5,9 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.trust_faults import START
+from benchmarks.trust_links import Link
 from gcs_bridge import Monitor
+from gcs_bridge.mavlink.dialect import load_dialect
+from gcs_bridge.mavlink.scanner import Scanner
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
+from tests.helpers.apart import PLANE
 from tests.helpers.craft import (
     Change,
     Craft,
@@ -131,6 +136,39 @@ def test_yaw_is_never_roll(pitch: float) -> None:
     (alarm,) = flown(turned_in_world(0, 0, 6), turn=still(rpy(pitch=pitch)))
     assert alarm["axis"] == "heading"
     assert (alarm["tilt"], alarm["heading"]) == pytest.approx((0, 6), abs=1e-3)
+
+
+@pytest.mark.parametrize(("pitched", "waits_s"), [((15,), 3.0), ((30,), 0.0), ((30, 15), 0.0)])
+def test_a_plane_that_is_pitched_may_be_trimmed_and_not_by_thirty_degrees(
+    pitched: tuple[float, ...], waits_s: float
+) -> None:
+    """Level flight, another 15° of pitch from 12 s on: a trim, maybe, until 3 s have not fitted it; 30° are none.
+
+    Nor are 15° any more that come behind 30°, half a second later, within one disagreement.
+    """
+    change: Change = lambda t_s, state: turned_in_body(0, pitched[0 if t_s < 12.5 else -1], 0)(t_s, state)
+    (alarm,) = flown(change, LONG_S, turn=still(), kind=PLANE)
+    assert alarm["raised_boot_s"] == pytest.approx(12 + waits_s + 0.2 + 1.0, abs=0.11)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "hz", "loss", "since_s", "most_s"),
+    [("d_tailsitter", 4.0, 0.2, 103.7, 4.0), ("d_tailsitter_tumble", 10.0, 0.0, 164.02, 2.0)],
+)
+def test_a_lag_at_the_end_of_a_tailsitters_flight(
+    name: str, hz: float, loss: float, since_s: float, most_s: float
+) -> None:
+    """150 ms, a few seconds before the end, and no two stamps alike: what is large at once is no trim that comes."""
+    data = Link(rate_hz=hz, loss=loss, trouble="none").bring((FIXTURES / f"{name}.tlog").read_bytes())
+    t_us = Scanner(load_dialect("all"), timed=True).scan(data, final=True)["t_rx_us"]
+    from_s = START * (int(t_us.max()) - int(t_us[t_us > 0][0])) / 1e6
+    monitor = Monitor()
+    monitor.feed_recording(inject(data, [parse_fault("time_skew:150")], from_s=from_s))
+    (vehicle,) = monitor.close().to_dict()["files"][0]["vehicles"]
+    (alarm,) = [alarm for alarm in vehicle["alarms"] if alarm["severity"] == "alarm"]
+    assert alarm["check"] == "euler_quaternion"
+    assert 0.0 < alarm["raised_boot_s"] - since_s < most_s
 
 
 def test_a_healthy_flight() -> None:
