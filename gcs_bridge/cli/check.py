@@ -15,7 +15,7 @@ from gcs_bridge.cli.signing_options import key_of, signing_options
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.recordings.open import READERS
-from gcs_bridge.report.formats import FORMATS
+from gcs_bridge.report.formats import FORMATS, TELL_REFUSED, Asked
 
 if TYPE_CHECKING:  # loaded when there is something to judge
     from gcs_bridge.evidence.place import Folder
@@ -34,6 +34,12 @@ __all__ = ["check", "find_recordings"]
 @click.option("--format", "form", type=click.Choice(list(FORMATS)), default="text", help="Of the report.  [text]")
 @click.option("--output", type=click.Path(path_type=Path), metavar="PATH", help="Write the report to this file.")
 @click.option("--events", metavar="FILE|-", help="Write events as JSON lines; - is standard output.")
+@click.option(
+    "--baseline",
+    type=click.Path(path_type=Path, readable=False),
+    metavar="REPORT",
+    help="An earlier report (JSON): fail by what is new alone.",
+)
 @click.option("--evidence", type=click.Path(path_type=Path), metavar="DIR", help="Write what each alarm rests on.")
 @signing_options
 @click.option("--fail-on", type=click.Choice(["warning", "alarm", "never"]), help="What ends with 1.  [alarm]")
@@ -53,6 +59,7 @@ def check(
     form: str,
     output: Path | None,
     events: str | None,
+    baseline: Path | None,
     evidence: Path | None,
     signing_key_file: Path | None,
     unsigned: str | None,
@@ -74,11 +81,13 @@ def check(
     from gcs_bridge.evidence.place import Place
     from gcs_bridge.files import refuse_unwritable, write_file, write_stdout
     from gcs_bridge.report import Report, worst_exit_code
+    from gcs_bridge.report.baseline import NOTHING_KNOWN, known_from, read_baseline
     from gcs_bridge.settings import load_settings
 
     refuse_times(from_s, to_s)
     settings = load_settings(profile, config, {"check": {"fail_on": fail_on}} if fail_on else None)
     signing_key = key_of(signing_key_file, unsigned)
+    before = None if baseline is None else read_baseline(baseline)
     recordings, failures = find_recordings(paths)
     if output is not None:
         refuse_unwritable(output, sources=recordings)
@@ -124,8 +133,14 @@ def check(
             progress.file_done(size)
 
     report = Report.of(judged)
-    if judged:
-        result = FORMATS[form](report, verbose - quiet)
+    known = NOTHING_KNOWN if before is None else known_from(report.files, before)
+    if before is not None and not quiet:
+        raised = sum(len(vehicle.alarms) for entry in judged for vehicle in entry.vehicles)
+        complain(f"{len(known.alarms)} of {raised} alarms and warnings are as in {baseline}", kind="note")
+    if judged or (failures and form in TELL_REFUSED):
+        refused = tuple(map(str, failures))
+        asked = Asked(detail=verbose - quiet, fail_on=settings.check.fail_on, known=known, refused=refused)
+        result = FORMATS[form](report, asked)
         if output is not None:
             write_file(result, output)
             if not quiet:
@@ -136,7 +151,9 @@ def check(
             print_coloured(result)
         else:
             write_stdout(result)
-    return worst_exit_code([*(failure.exit_code for failure in failures), report.exit_code(settings.check.fail_on)])
+    return worst_exit_code(
+        [*(failure.exit_code for failure in failures), report.exit_code(settings.check.fail_on, known)]
+    )
 
 
 def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeError]]:

@@ -18,7 +18,7 @@ from gcs_bridge.report.schema import Boot, Check, EstimatorReset, File, Salvage,
 from gcs_bridge.report.verdicts import LABELS, UNJUDGED, compared, sends_attitude
 from gcs_bridge.report.wording import UNITS, difference, quantity
 
-__all__ = ["lines"]
+__all__ = ["alarm_line", "lines", "requests", "summary"]
 
 _OTHERS = 8  # that the last line names
 _START_UP = "start-up"
@@ -104,7 +104,7 @@ def _vehicle(vehicle: Vehicle, detail: int) -> Iterator[str]:
     for check in vehicle.checks:
         yield from labelled(check.name, f"{LABELS[check.verdict]:<10}  {_findings(check, detail)}")
     for alarm in vehicle.alarms:
-        yield from labelled(LABELS[alarm.severity], _alarm(alarm))
+        yield from labelled(LABELS[alarm.severity], alarm_line(alarm))
 
 
 def _judged(check: Check | None) -> str:
@@ -172,8 +172,8 @@ def _distribution(values: Distribution, unit: str, *, short: bool = False) -> st
     return ", ".join(f"{name} {_value(numbers[name], unit)}" for name in numbers if name != "p95" or not short)
 
 
-def _alarm(alarm: Alarm) -> str:
-    """One sentence or two: when, what, how much, where, and why if that is known."""
+def alarm_line(alarm: Alarm) -> str:
+    """What was raised, in one sentence or two: when, what, how much, where, and why if that is known."""
     cleared = alarm.cleared_boot_s
     until = "to the end" if cleared is None else f"to {in_seconds(cleared)}"
     utc = "" if alarm.raised_utc is None else f" (raised {alarm.raised_utc})"
@@ -195,13 +195,13 @@ def _conclusion(entry: File) -> Iterator[str]:
     """The file's last line, verdict first, and the commands that would get what was missing."""
     vehicles = entry.vehicles
     alarms = [(vehicle, alarm) for vehicle in vehicles for alarm in vehicle.alarms]
-    yield f"{LABELS[entry.verdict]:<10}  {one_line(entry.path)}: {_summary(entry)}{_worst(alarms)}"
+    yield f"{LABELS[entry.verdict]:<10}  {one_line(entry.path)}: {summary(entry)}{_worst(alarms)}"
     if alarms:
         return  # what does not come is not what they are about
     # Where others send an attitude, a vehicle that sends none may have none: a tracker, a gimbal.
     flying = [vehicle for vehicle in vehicles if sends_attitude(vehicle)]
     for vehicle in flying or vehicles:
-        for where, command in _requests(vehicle):
+        for where, command in requests(vehicle):
             yield f"            next, in {where} for vehicle {vehicle.sysid}: {command}"
 
 
@@ -224,7 +224,8 @@ def _heard(entry: File, most: int) -> str:
     return ", ".join(map(unbroken, said)) + (f" and {more} more" if more > 0 else "")
 
 
-def _summary(entry: File) -> str:
+def summary(entry: File) -> str:
+    """What was found in a file, in half a line."""
     vehicles = entry.vehicles
     if not vehicles:
         return f"no vehicle; heard: {_heard(entry, _OTHERS)}".replace(NBSP, " ") if entry.others else "no vehicle"
@@ -237,7 +238,7 @@ def _summary(entry: File) -> str:
     return ", ".join(said if len(said) > 1 else [*said, "no alarm"])
 
 
-def _requests(vehicle: Vehicle) -> list[tuple[str, str]]:
+def requests(vehicle: Vehicle) -> list[tuple[str, str]]:
     """The commands that make the autopilot send the messages without which nothing can be compared."""
     if any(check.name == "euler_quaternion" and check.verdict not in UNJUDGED for check in vehicle.checks):
         return []
