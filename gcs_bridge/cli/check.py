@@ -15,7 +15,7 @@ from gcs_bridge.cli.signing_options import key_of, signing_options
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.recordings.open import READERS
-from gcs_bridge.report.formats import FORMATS, TELL_REFUSED, Asked
+from gcs_bridge.report.formats import FORMATS, TELL_REFUSED, Asked, format_of
 
 if TYPE_CHECKING:  # loaded when there is something to judge
     from gcs_bridge.evidence.place import Folder
@@ -31,8 +31,17 @@ __all__ = ["check", "find_recordings"]
 @click.option("--sysid", type=click.IntRange(1, 255), metavar="N", help="Judge this system alone.")
 @click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
 @click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
-@click.option("--format", "form", type=click.Choice(list(FORMATS)), default="text", help="Of the report.  [text]")
-@click.option("--output", type=click.Path(path_type=Path), metavar="PATH", help="Write the report to this file.")
+@click.option(
+    "--format", "form", type=click.Choice(list(FORMATS)), help="Of the report.  [by the ending of --output, else text]"
+)
+@click.option(
+    "--output",
+    "outputs",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="PATH",
+    help="Write the report to this file; may be repeated.",
+)
 @click.option("--events", metavar="FILE|-", help="Write events as JSON lines; - is standard output.")
 @click.option(
     "--baseline",
@@ -56,8 +65,8 @@ def check(
     sysid: int | None,
     from_s: float | None,
     to_s: float | None,
-    form: str,
-    output: Path | None,
+    form: str | None,
+    outputs: tuple[Path, ...],
     events: str | None,
     baseline: Path | None,
     evidence: Path | None,
@@ -89,10 +98,10 @@ def check(
     signing_key = key_of(signing_key_file, unsigned)
     before = None if baseline is None else read_baseline(baseline)
     recordings, failures = find_recordings(paths)
-    if output is not None:
+    for output in outputs:
         refuse_unwritable(output, sources=recordings)
     place = None if evidence is None else Place(evidence, recordings)
-    told = None if events is None else plan_events(events, recordings, others=[output] if output else [])
+    told = None if events is None else plan_events(events, recordings, others=outputs)
 
     gc.disable()  # what is imported stays: looking for garbage in it again and again takes a tenth of the start
     from gcs_bridge.recordings.check import check_file  # the heavy part, after everything that may be refused
@@ -137,23 +146,26 @@ def check(
     if before is not None and not quiet:
         raised = sum(len(vehicle.alarms) for entry in judged for vehicle in entry.vehicles)
         complain(f"{len(known.alarms)} of {raised} alarms and warnings are as in {baseline}", kind="note")
-    if judged or (failures and form in TELL_REFUSED):
-        refused = tuple(map(str, failures))
-        asked = Asked(detail=verbose - quiet, fail_on=settings.check.fail_on, known=known, refused=refused)
-        result = FORMATS[form](report, asked)
-        if output is not None:
-            write_file(result, output)
-            if not quiet:
-                click.echo(report.to_text(detail=-1), nl=False, err=True)
-        elif told is not None and told.takes_stdout:
+    asked = Asked(
+        detail=verbose - quiet, fail_on=settings.check.fail_on, known=known, refused=tuple(map(str, failures))
+    )
+    for output in outputs:
+        written = form or format_of(output)
+        if judged or written in TELL_REFUSED:
+            write_file(FORMATS[written](report, asked), output)
+    if outputs:
+        if judged and not quiet:
+            click.echo(report.to_text(detail=-1), nl=False, err=True)
+    elif judged or form in TELL_REFUSED:
+        result = FORMATS[form or "text"](report, asked)
+        if told is not None and told.takes_stdout:
             click.echo(result, nl=False, err=True)
-        elif form == "text" and wants_colour(no_color=no_color):
+        elif form in (None, "text") and wants_colour(no_color=no_color):
             print_coloured(result)
         else:
             write_stdout(result)
-    return worst_exit_code(
-        [*(failure.exit_code for failure in failures), report.exit_code(settings.check.fail_on, known)]
-    )
+    of_recordings = report.exit_code(settings.check.fail_on, known)
+    return worst_exit_code([*(failure.exit_code for failure in failures), of_recordings])
 
 
 def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeError]]:

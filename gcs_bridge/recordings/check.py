@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 from msgspec.structs import replace
 
@@ -28,16 +29,21 @@ def check(
     *,
     settings: Settings | None = None,
     dialect: str = "all",
+    sysid: int | None = None,
+    from_s: float | None = None,
+    to_s: float | None = None,
     signing_key: bytes | SigningKey | None = None,
     unsigned: Unsigned | None = None,
 ) -> Report:
     """Judge one recording; `report.to_dict()` is the contract's JSON. Key and `unsigned` as of a `Monitor`.
 
-    Raises SourceError where the file cannot be used, UsageError for an unknown profile or dialect, or no key.
+    With `sysid` that system alone; `from_s` and `to_s`, in seconds after the recording's start, are where it begins and
+    ends. Raises SourceError where the file cannot be used, UsageError for an unknown profile or dialect, no key, or a
+    `from_s` past the end.
     """
     asked = settings or load_settings(profile)
-    entry = check_file(Path(path), asked, dialect=dialect, signing_key=signing_key, unsigned=unsigned)
-    return Report.of([entry])
+    selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
+    return Report.of([check_file(Path(path), asked, **selected, signing_key=signing_key, unsigned=unsigned)])
 
 
 def check_file(

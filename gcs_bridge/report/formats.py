@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 from gcs_bridge.report import Report
 from gcs_bridge.report.baseline import NOTHING_KNOWN, Known
 from gcs_bridge.settings import FailOn
 
-__all__ = ["FORMATS", "TELL_REFUSED", "Asked"]
+__all__ = ["FORMATS", "TELL_REFUSED", "Asked", "format_of"]
 
 
 class Asked(NamedTuple):
@@ -44,3 +45,9 @@ FORMATS: dict[str, Callable[[Report, Asked], str]] = {
 }
 TELL_REFUSED = frozenset({"junit", "markdown"})
 """The formats that tell of sources that could not be used: there is a report even if there is nothing else."""
+_ENDINGS = {".json": "json", ".xml": "junit", ".md": "markdown"}
+
+
+def format_of(output: Path) -> str:
+    """The format that a file's ending tells."""
+    return _ENDINGS.get(output.suffix.lower(), "text")
