@@ -15,6 +15,7 @@ from gcs_bridge.cli.signing_options import key_of, signing_options
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.recordings.open import READERS
+from gcs_bridge.recordings.packed import ARCHIVE, PACKED, recordings_in
 from gcs_bridge.report.formats import FORMATS, TELL_REFUSED, Asked, format_of
 
 if TYPE_CHECKING:  # loaded when there is something to judge
@@ -22,6 +23,8 @@ if TYPE_CHECKING:  # loaded when there is something to judge
     from gcs_bridge.report.schema import File
 
 __all__ = ["check", "find_recordings"]
+
+_FOUND = (*READERS, *(suffix + PACKED for suffix in READERS), ARCHIVE)
 
 
 @click.command()
@@ -80,7 +83,8 @@ def check(
     verbose: bool,
     no_color: bool,
 ) -> int:
-    """Judge recordings (.tlog, .raw, .rlog; folders are searched for them) and tell what was found.
+    """Judge recordings and tell what was found: .tlog, .raw, .rlog, .mavlink, .pcap, .pcapng, each also gzipped or in
+    a zip; - is standard input, folders are searched.
 
     \b
     Exit codes: 0 good, 1 an alarm (or warning, by --fail-on), 2 usage or configuration,
@@ -174,19 +178,21 @@ def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeEr
     failures: list[GcsBridgeError] = []
     for path in paths:
         if not os.path.isdir(path):
-            found[path] = None
+            found.update(dict.fromkeys(recordings_in(path) or [path]))
             continue
         unreadable: list[OSError] = []
         inside = sorted(
             Path(folder, name)
             for folder, _, names in os.walk(path, onerror=unreadable.append)
             for name in names
-            if name.lower().endswith(tuple(READERS)) and os.path.isfile(Path(folder, name))
+            if name.lower().endswith(_FOUND) and os.path.isfile(Path(folder, name))
         )
-        found.update(dict.fromkeys(inside))
+        found.update(dict.fromkeys(one for file in inside for one in recordings_in(file)))
         failures += [SourceError(f"{error.filename}: cannot be searched: {error.strerror}") for error in unreadable]
         if not inside and not unreadable:
-            failures.append(SourceError(f"{path}: no recording in this folder (looked for {', '.join(READERS)})"))
+            failures.append(
+                SourceError(f"{path}: no recording in this folder (looked for {', '.join(READERS)}, {PACKED} of each)")
+            )
     return list(found), failures
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +81,7 @@ def check_file(
         if from_s is not None or to_s is not None:
             source.need_times("--from and --to cannot select by them")
         feed(source, monitor, taking, lambda done: None if progress is None else progress(done, source.size))
-    return closing_entry(monitor, path)
+    return closing_entry(monitor, path, source.remarks)
 
 
 def feed(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, after: Callable[[int], None]) -> None:
@@ -92,12 +92,14 @@ def feed(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, after: Callabl
     sinks.events(monitor.finish())
 
 
-def closing_entry(monitor: Monitor, path: Path) -> File:
-    """The report's entry of a recording that has been fed to `monitor` as a whole.
+def closing_entry(monitor: Monitor, path: Path, remarks: Sequence[str] = ()) -> File:
+    """The report's entry of a recording that has been fed to `monitor` as a whole, with `remarks` on how it came.
 
     Raises UsageError where nothing was recorded in the times to judge.
     """
     report = monitor.close()
     if monitor.window_is_empty:
         raise UsageError(f"{path}: nothing was recorded between --from and --to: {monitor.span_s:.1f} s in all")
-    return replace(report.files[0], path=readable(str(path)))
+    (entry,) = report.files
+    salvage = replace(entry.salvage, remarks=(*entry.salvage.remarks, *remarks)) if remarks else entry.salvage
+    return replace(entry, path=readable(str(path)), salvage=salvage)
