@@ -16,10 +16,11 @@ from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.recordings.open import READERS
 from gcs_bridge.recordings.packed import ARCHIVE, PACKED, recordings_in
-from gcs_bridge.report.formats import FORMATS, TELL_REFUSED, Asked, format_of
+from gcs_bridge.report.formats import FORMATS, PAGE, TELL_REFUSED, Asked, format_of
 
 if TYPE_CHECKING:  # loaded when there is something to judge
     from gcs_bridge.evidence.place import Folder
+    from gcs_bridge.pages.curves import Curves
     from gcs_bridge.report.schema import File
 
 __all__ = ["check", "find_recordings"]
@@ -35,7 +36,10 @@ _FOUND = (*READERS, *(suffix + PACKED for suffix in READERS), ARCHIVE)
 @click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
 @click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
 @click.option(
-    "--format", "form", type=click.Choice(list(FORMATS)), help="Of the report.  [by the ending of --output, else text]"
+    "--format",
+    "form",
+    type=click.Choice([*FORMATS, PAGE]),
+    help="Of the report.  [by the ending of --output, else text]",
 )
 @click.option(
     "--output",
@@ -91,6 +95,7 @@ def check(
     3 a source that cannot be used, 4 no attitude could be compared.
     """
     from gcs_bridge.cli.recorded_events import events_of, plan_events
+    from gcs_bridge.contract import readable
     from gcs_bridge.evidence.place import Place
     from gcs_bridge.files import refuse_unwritable, write_file, write_stdout
     from gcs_bridge.report import Report, worst_exit_code
@@ -98,6 +103,8 @@ def check(
     from gcs_bridge.settings import load_settings
 
     refuse_times(from_s, to_s)
+    if form == PAGE and not outputs:
+        raise UsageError("--format html writes files: name one by --output")
     settings = load_settings(profile, config, {"check": {"fail_on": fail_on}} if fail_on else None)
     signing_key = key_of(signing_key_file, unsigned)
     before = None if baseline is None else read_baseline(baseline)
@@ -113,11 +120,17 @@ def check(
     gc.freeze()
     gc.enable()
 
+    pages = [output for output in outputs if (form or format_of(output)) == PAGE]
+    curves: dict[str, Curves] = {}
     selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
     verified: dict[str, Any] = {"signing_key": signing_key, "unsigned": unsigned}
 
     def judge(recording: Path, progress: ProgressBar) -> File:
         with events_of(recording, told) as sinks:
+            if pages:
+                from gcs_bridge.pages.curves import Curves
+
+                sinks.append(curves.setdefault(readable(str(recording)), Curves()))
             if place is None:
                 return check_file(recording, settings, **selected, **verified, progress=progress, sinks=sinks)
             from gcs_bridge.evidence.gather import Evidence
@@ -153,8 +166,15 @@ def check(
     asked = Asked(
         detail=verbose - quiet, fail_on=settings.check.fail_on, known=known, refused=tuple(map(str, failures))
     )
+    if pages and judged:
+        from gcs_bridge.pages.files import write_pages
+
+        for output in pages:
+            write_pages(output, report.files, curves, asked.refused)
     for output in outputs:
         written = form or format_of(output)
+        if written == PAGE:
+            continue
         if judged or written in TELL_REFUSED:
             write_file(FORMATS[written](report, asked), output)
     if outputs:

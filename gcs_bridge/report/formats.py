@@ -10,7 +10,7 @@ from gcs_bridge.report import Report
 from gcs_bridge.report.baseline import NOTHING_KNOWN, Known
 from gcs_bridge.settings import FailOn
 
-__all__ = ["FORMATS", "TELL_REFUSED", "Asked", "format_of"]
+__all__ = ["FORMATS", "PAGE", "TELL_REFUSED", "Asked", "format_of"]
 
 
 class Asked(NamedTuple):
@@ -45,7 +45,9 @@ FORMATS: dict[str, Callable[[Report, Asked], str]] = {
 }
 TELL_REFUSED = frozenset({"junit", "markdown"})
 """The formats that tell of sources that could not be used: there is a report even if there is nothing else."""
-_ENDINGS = {".json": "json", ".xml": "junit", ".md": "markdown"}
+PAGE = "html"
+"""The format that is none of text: it needs the curves too, see `pages`."""
+_ENDINGS = {".html": PAGE, ".json": "json", ".xml": "junit", ".md": "markdown"}
 
 
 def format_of(output: Path) -> str:
