@@ -37,7 +37,8 @@ WAY = (
     ("the mistake behind them", ("diagnosis",)),
     ("events", ("judging",)),
     ("report", ("report",)),
-    ("written, shown, kept, passed on", ("sinks", "viewer", "evidence", "sending", "metrics")),
+    ("written and shown", ("sinks", "viewer", "evidence", "exporting")),
+    ("passed on", ("sending", "metrics")),
 )
 """What is handed on, in order, and the packages that make it."""
 

@@ -34,6 +34,7 @@ COMMANDS = {
     "check": "Judge recordings: report and exit code.",
     "demo": "See it work: a recorded flight, with a fault half-way.",
     "doctor": "Tell what is on a link, what is missing, and what to do about it.",
+    "export": "Write a recording as tables: Parquet, CSV, MCAP, or for the viewer.",
     "inject": "Write a copy of a recording with a chosen fault.",
     "listen": "Judge live links, as it happens.",
     "replay": "Show recordings in the viewer.",

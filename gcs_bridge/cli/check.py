@@ -15,13 +15,17 @@ from gcs_bridge.cli.signing_options import key_of, signing_options
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.recordings.open import READERS
-from gcs_bridge.report.formats import FORMATS
+from gcs_bridge.recordings.packed import ARCHIVE, PACKED, recordings_in
+from gcs_bridge.report.formats import FORMATS, PAGE, TELL_REFUSED, Asked, format_of
 
 if TYPE_CHECKING:  # loaded when there is something to judge
     from gcs_bridge.evidence.place import Folder
+    from gcs_bridge.pages.curves import Curves
     from gcs_bridge.report.schema import File
 
 __all__ = ["check", "find_recordings"]
+
+_FOUND = (*READERS, *(suffix + PACKED for suffix in READERS), ARCHIVE)
 
 
 @click.command()
@@ -31,9 +35,27 @@ __all__ = ["check", "find_recordings"]
 @click.option("--sysid", type=click.IntRange(1, 255), metavar="N", help="Judge this system alone.")
 @click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
 @click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
-@click.option("--format", "form", type=click.Choice(list(FORMATS)), default="text", help="Of the report.  [text]")
-@click.option("--output", type=click.Path(path_type=Path), metavar="PATH", help="Write the report to this file.")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice([*FORMATS, PAGE]),
+    help="Of the report.  [by the ending of --output, else text]",
+)
+@click.option(
+    "--output",
+    "outputs",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="PATH",
+    help="Write the report to this file; may be repeated.",
+)
 @click.option("--events", metavar="FILE|-", help="Write events as JSON lines; - is standard output.")
+@click.option(
+    "--baseline",
+    type=click.Path(path_type=Path, readable=False),
+    metavar="REPORT",
+    help="An earlier report (JSON): fail by what is new alone.",
+)
 @click.option("--evidence", type=click.Path(path_type=Path), metavar="DIR", help="Write what each alarm rests on.")
 @signing_options
 @click.option("--fail-on", type=click.Choice(["warning", "alarm", "never"]), help="What ends with 1.  [alarm]")
@@ -50,9 +72,10 @@ def check(
     sysid: int | None,
     from_s: float | None,
     to_s: float | None,
-    form: str,
-    output: Path | None,
+    form: str | None,
+    outputs: tuple[Path, ...],
     events: str | None,
+    baseline: Path | None,
     evidence: Path | None,
     signing_key_file: Path | None,
     unsigned: str | None,
@@ -64,26 +87,32 @@ def check(
     verbose: bool,
     no_color: bool,
 ) -> int:
-    """Judge recordings (.tlog, .raw, .rlog; folders are searched for them) and tell what was found.
+    """Judge recordings and tell what was found: .tlog, .raw, .rlog, .mavlink, .pcap, .pcapng, each also gzipped or in
+    a zip; - is standard input, folders are searched.
 
     \b
     Exit codes: 0 good, 1 an alarm (or warning, by --fail-on), 2 usage or configuration,
     3 a source that cannot be used, 4 no attitude could be compared.
     """
     from gcs_bridge.cli.recorded_events import events_of, plan_events
+    from gcs_bridge.contract import readable
     from gcs_bridge.evidence.place import Place
     from gcs_bridge.files import refuse_unwritable, write_file, write_stdout
     from gcs_bridge.report import Report, worst_exit_code
+    from gcs_bridge.report.baseline import NOTHING_KNOWN, known_from, read_baseline
     from gcs_bridge.settings import load_settings
 
     refuse_times(from_s, to_s)
+    if form == PAGE and not outputs:
+        raise UsageError("--format html writes files: name one by --output")
     settings = load_settings(profile, config, {"check": {"fail_on": fail_on}} if fail_on else None)
     signing_key = key_of(signing_key_file, unsigned)
+    before = None if baseline is None else read_baseline(baseline)
     recordings, failures = find_recordings(paths)
-    if output is not None:
+    for output in outputs:
         refuse_unwritable(output, sources=recordings)
     place = None if evidence is None else Place(evidence, recordings)
-    told = None if events is None else plan_events(events, recordings, others=[output] if output else [])
+    told = None if events is None else plan_events(events, recordings, others=outputs)
 
     gc.disable()  # what is imported stays: looking for garbage in it again and again takes a tenth of the start
     from gcs_bridge.recordings.check import check_file  # the heavy part, after everything that may be refused
@@ -91,11 +120,17 @@ def check(
     gc.freeze()
     gc.enable()
 
+    pages = [output for output in outputs if (form or format_of(output)) == PAGE]
+    curves: dict[str, Curves] = {}
     selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
     verified: dict[str, Any] = {"signing_key": signing_key, "unsigned": unsigned}
 
     def judge(recording: Path, progress: ProgressBar) -> File:
         with events_of(recording, told) as sinks:
+            if pages:
+                from gcs_bridge.pages.curves import Curves
+
+                sinks.append(curves.setdefault(readable(str(recording)), Curves()))
             if place is None:
                 return check_file(recording, settings, **selected, **verified, progress=progress, sinks=sinks)
             from gcs_bridge.evidence.gather import Evidence
@@ -124,19 +159,37 @@ def check(
             progress.file_done(size)
 
     report = Report.of(judged)
-    if judged:
-        result = FORMATS[form](report, verbose - quiet)
-        if output is not None:
-            write_file(result, output)
-            if not quiet:
-                click.echo(report.to_text(detail=-1), nl=False, err=True)
-        elif told is not None and told.takes_stdout:
+    known = NOTHING_KNOWN if before is None else known_from(report.files, before)
+    if before is not None and not quiet:
+        raised = sum(len(vehicle.alarms) for entry in judged for vehicle in entry.vehicles)
+        complain(f"{len(known.alarms)} of {raised} alarms and warnings are as in {baseline}", kind="note")
+    asked = Asked(
+        detail=verbose - quiet, fail_on=settings.check.fail_on, known=known, refused=tuple(map(str, failures))
+    )
+    if pages and judged:
+        from gcs_bridge.pages.files import write_pages
+
+        for output in pages:
+            write_pages(output, report.files, curves, asked.refused)
+    for output in outputs:
+        written = form or format_of(output)
+        if written == PAGE:
+            continue
+        if judged or written in TELL_REFUSED:
+            write_file(FORMATS[written](report, asked), output)
+    if outputs:
+        if judged and not quiet:
+            click.echo(report.to_text(detail=-1), nl=False, err=True)
+    elif judged or form in TELL_REFUSED:
+        result = FORMATS[form or "text"](report, asked)
+        if told is not None and told.takes_stdout:
             click.echo(result, nl=False, err=True)
-        elif form == "text" and wants_colour(no_color=no_color):
+        elif form in (None, "text") and wants_colour(no_color=no_color):
             print_coloured(result)
         else:
             write_stdout(result)
-    return worst_exit_code([*(failure.exit_code for failure in failures), report.exit_code(settings.check.fail_on)])
+    of_recordings = report.exit_code(settings.check.fail_on, known)
+    return worst_exit_code([*(failure.exit_code for failure in failures), of_recordings])
 
 
 def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeError]]:
@@ -145,19 +198,21 @@ def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeEr
     failures: list[GcsBridgeError] = []
     for path in paths:
         if not os.path.isdir(path):
-            found[path] = None
+            found.update(dict.fromkeys(recordings_in(path) or [path]))
             continue
         unreadable: list[OSError] = []
         inside = sorted(
             Path(folder, name)
             for folder, _, names in os.walk(path, onerror=unreadable.append)
             for name in names
-            if name.lower().endswith(tuple(READERS)) and os.path.isfile(Path(folder, name))
+            if name.lower().endswith(_FOUND) and os.path.isfile(Path(folder, name))
         )
-        found.update(dict.fromkeys(inside))
+        found.update(dict.fromkeys(one for file in inside for one in recordings_in(file)))
         failures += [SourceError(f"{error.filename}: cannot be searched: {error.strerror}") for error in unreadable]
         if not inside and not unreadable:
-            failures.append(SourceError(f"{path}: no recording in this folder (looked for {', '.join(READERS)})"))
+            failures.append(
+                SourceError(f"{path}: no recording in this folder (looked for {', '.join(READERS)}, {PACKED} of each)")
+            )
     return list(found), failures
 
 

@@ -14,6 +14,7 @@ from gcs_bridge.cli.signing_options import key_of, signing_key_option
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import UsageError
 from gcs_bridge.recordings.open import READERS
+from gcs_bridge.recordings.packed import file_of
 
 if TYPE_CHECKING:  # loaded when there is something to examine
     from gcs_bridge.inspection.heard import Heard, Refused
@@ -101,7 +102,7 @@ def doctor(
 
 def _is_file(source: str) -> bool:
     """Whether it is a recording: a file that is there, or a name that no link has."""
-    if os.path.isfile(source) or source.lower().endswith(tuple(READERS)):
+    if os.path.isfile(file_of(Path(source))[0]) or source.lower().endswith(tuple(READERS)):
         return True
     return ":" not in source and not source.startswith(("/dev/", "\\\\.\\")) and not source.upper().startswith("COM")
 

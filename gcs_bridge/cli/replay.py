@@ -145,7 +145,7 @@ def _show(
                         pace.keep()
 
                 feed(source.chunks(pace.chunk_bytes) if pace else source, monitor, sinks, after)
-            entry = closing_entry(monitor, path)
+            entry = closing_entry(monitor, path, source.remarks)
     except SourceError as failure:
         complain(str(failure))
         return failure.exit_code

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from msgspec.structs import replace
 
@@ -28,16 +29,21 @@ def check(
     *,
     settings: Settings | None = None,
     dialect: str = "all",
+    sysid: int | None = None,
+    from_s: float | None = None,
+    to_s: float | None = None,
     signing_key: bytes | SigningKey | None = None,
     unsigned: Unsigned | None = None,
 ) -> Report:
     """Judge one recording; `report.to_dict()` is the contract's JSON. Key and `unsigned` as of a `Monitor`.
 
-    Raises SourceError where the file cannot be used, UsageError for an unknown profile or dialect, or no key.
+    With `sysid` that system alone; `from_s` and `to_s`, in seconds after the recording's start, are where it begins and
+    ends. Raises SourceError where the file cannot be used, UsageError for an unknown profile or dialect, no key, or a
+    `from_s` past the end.
     """
     asked = settings or load_settings(profile)
-    entry = check_file(Path(path), asked, dialect=dialect, signing_key=signing_key, unsigned=unsigned)
-    return Report.of([entry])
+    selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
+    return Report.of([check_file(Path(path), asked, **selected, signing_key=signing_key, unsigned=unsigned)])
 
 
 def check_file(
@@ -75,7 +81,7 @@ def check_file(
         if from_s is not None or to_s is not None:
             source.need_times("--from and --to cannot select by them")
         feed(source, monitor, taking, lambda done: None if progress is None else progress(done, source.size))
-    return closing_entry(monitor, path)
+    return closing_entry(monitor, path, source.remarks)
 
 
 def feed(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, after: Callable[[int], None]) -> None:
@@ -86,12 +92,14 @@ def feed(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, after: Callabl
     sinks.events(monitor.finish())
 
 
-def closing_entry(monitor: Monitor, path: Path) -> File:
-    """The report's entry of a recording that has been fed to `monitor` as a whole.
+def closing_entry(monitor: Monitor, path: Path, remarks: Sequence[str] = ()) -> File:
+    """The report's entry of a recording that has been fed to `monitor` as a whole, with `remarks` on how it came.
 
     Raises UsageError where nothing was recorded in the times to judge.
     """
     report = monitor.close()
     if monitor.window_is_empty:
         raise UsageError(f"{path}: nothing was recorded between --from and --to: {monitor.span_s:.1f} s in all")
-    return replace(report.files[0], path=readable(str(path)))
+    (entry,) = report.files
+    salvage = replace(entry.salvage, remarks=(*entry.salvage.remarks, *remarks)) if remarks else entry.salvage
+    return replace(entry, path=readable(str(path)), salvage=salvage)

@@ -7,6 +7,8 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gcs_bridge.recordings.packed import SUFFIXES
+
 if TYPE_CHECKING:  # what only looks for recordings in folders does not read them
     from gcs_bridge.recordings.source import Source
 
@@ -26,7 +28,7 @@ def _telemetry(path: Path, dialect: str, judged: bool) -> Iterator[Source]:
 
 
 # By lower-case suffix; what has another is read as telemetry too, and refused by its content.
-READERS: dict[str, Reader] = {".tlog": _telemetry, ".raw": _telemetry, ".rlog": _telemetry}
+READERS: dict[str, Reader] = dict.fromkeys(SUFFIXES, _telemetry)
 
 
 def open_recording(path: Path, dialect: str = "all", *, judged: bool = True) -> AbstractContextManager[Source]:

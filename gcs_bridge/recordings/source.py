@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -16,6 +16,7 @@ from gcs_bridge.jit import prepare
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scanner import MARKERS, Scanner
+from gcs_bridge.recordings.packed import STANDARD_INPUT, file_of, standard_input, unpacked
 
 _CHUNK = 3 * 2**19  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
 _WHOLE = 0.99  # of the bytes read as records: no stream need be looked for
@@ -26,17 +27,27 @@ FOREIGN = {
     b"ULog\x01\x12\x35": "a PX4 .ulg on-board log, not telemetry: open it with pyulog or Flight Review",
     b"\x89MCAP0\r\n": "an MCAP file, not telemetry: open it with Foxglove",
     b"RRF": "a rerun recording, not telemetry: open it with `rerun`",
-    b"\x1f\x8b": "compressed: unpack it with gunzip first",
-    b"PK\x03\x04": "a zip archive: unpack it first",
+    b"#ROSBAG": "a ROS bag, not telemetry: open it with `rosbag` or Foxglove",
+    b"SQLite format 3": "a database, maybe a ROS 2 bag, not telemetry: open it with `ros2 bag` or Foxglove",
+    b"PAR1": "a Parquet table, not telemetry: open it with pandas or DuckDB",
+    b"\xfd7zXZ\x00": "compressed: unpack it with unxz first",
+    b"\x28\xb5\x2f\xfd": "compressed: unpack it with unzstd first",
+    b"BZh": "compressed: unpack it with bunzip2 first",
+    b"7z\xbc\xaf\x27\x1c": "a 7z archive: unpack it first",
+    b"Rar!": "a rar archive: unpack it first",
 }
 
 
 class Source:
     """A recording that is being read: an iterable of its bytes in chunks, all of them each time."""
 
-    def __init__(self, file: BinaryIO, path: Path, start_us: int | None) -> None:
-        """Read from `file`; `start_us`: its first record's time, µs since 1970, None for a stream without times."""
+    def __init__(self, file: BinaryIO, path: Path, start_us: int | None, remarks: Sequence[str] = ()) -> None:
+        """Read from `file`; `start_us`: its first record's time, µs since 1970, None for a stream without times.
+
+        `remarks`: what there is to say of how it was unpacked.
+        """
         self.start_us = start_us
+        self.remarks = tuple(remarks)
         self.timed = start_us is not None
         self.size = file.seek(0, 2)
         self._file = file
@@ -61,9 +72,10 @@ class Source:
 @contextmanager
 def open_telemetry(path: Path, dialect: str, *, judged: bool) -> Iterator[Source]:
     """The recording of a link, open; SourceError where it cannot be used, also later while it is read."""
-    with opened(path) as file:
+    remarks: list[str] = []
+    with opened(path, remarks) as file:
         prepare(*(("gcs_bridge",) if judged else ("gcs_bridge.mavlink", "gcs_bridge.telemetry")))
-        yield Source(file, path, start_us_of(file, open_dialect(dialect), path))
+        yield Source(file, path, start_us_of(file, open_dialect(dialect), path), remarks)
 
 
 _ADVICE = {
@@ -74,13 +86,18 @@ _ADVICE = {
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[BinaryIO]:
-    """The file, open for reading; SourceError in one line for whatever keeps it from being read."""
+def opened(path: Path, remarks: list[str]) -> Iterator[BinaryIO]:
+    """The recording in the file, open for reading; SourceError in one line for whatever keeps it from being read."""
     try:
-        if not path.is_dir() and not stat.S_ISREG(path.stat().st_mode):
-            raise SourceError(f"{path}: a pipe or device, not a file: save what comes from it to a file first")
-        with path.open("rb") as file:
-            yield file
+        if path == STANDARD_INPUT:
+            with unpacked(standard_input(), path, None, remarks) as recording:
+                yield recording
+            return
+        holds, inside = file_of(path)
+        if not holds.is_dir() and not stat.S_ISREG(holds.stat().st_mode):
+            raise SourceError(f"{path}: a pipe or device, not a file: pipe it in, and name it -")
+        with holds.open("rb") as file, unpacked(file, holds, inside, remarks) as recording:
+            yield recording
     except OSError as error:
         what = (error.strerror or str(error)).lower()
         raise SourceError(f"{path}: cannot be read: {what}{_ADVICE.get(type(error), '')}") from None

@@ -14,8 +14,9 @@ from msgspec import Meta
 from gcs_bridge._version import __version__
 from gcs_bridge.contract import plain
 from gcs_bridge.report import text
-from gcs_bridge.report.schema import File, Vehicle, Verdict
-from gcs_bridge.report.verdicts import EXIT_CODES, SCHEMA, compared, sends_attitude, worst_verdict
+from gcs_bridge.report.baseline import NOTHING_KNOWN, Known
+from gcs_bridge.report.schema import File, Verdict
+from gcs_bridge.report.verdicts import EXIT_CODES, SCHEMA, compared, fails, sends_attitude, worst_verdict
 from gcs_bridge.settings import FailOn
 
 __all__ = ["Report", "worst_exit_code"]
@@ -48,13 +49,15 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
         """The report for reading; `detail` -1 gives the last lines alone, 1 every number."""
         return "\n".join(text.lines(self.files, detail=detail)) + "\n"
 
-    def exit_code(self, fail_on: FailOn = "alarm") -> int:
-        """0 good, 1 an alarm (or a warning, if that is to fail), 4 an attitude that nothing was compared with."""
+    def exit_code(self, fail_on: FailOn = "alarm", known: Known = NOTHING_KNOWN) -> int:
+        """0 good, 1 an alarm (or a warning, if that is to fail), 4 an attitude that nothing was compared with.
+
+        What is known from a baseline is good.
+        """
         if fail_on == "never":
             return 0
-        failing = {"alarm"} if fail_on == "alarm" else {"alarm", "warning"}
         return worst_exit_code(
-            1 if entry.verdict in failing else 0 if _all_compared(entry.vehicles) else 4 for entry in self.files
+            1 if _has_failed(entry, fail_on, known) else 0 if _all_compared(entry, known) else 4 for entry in self.files
         )
 
 
@@ -63,7 +66,16 @@ def worst_exit_code(codes: Iterable[int]) -> int:
     return min(codes, key=EXIT_CODES.index, default=0)
 
 
-def _all_compared(vehicles: Iterable[Vehicle]) -> bool:
-    """Whether there is an attitude, and each vehicle's was judged by something."""
-    flying = [vehicle for vehicle in vehicles if sends_attitude(vehicle)]
-    return bool(flying) and all(compared(vehicle) for vehicle in flying)
+def _has_failed(entry: File, fail_on: FailOn, known: Known) -> bool:
+    """Whether anything that is to fail was raised, and was not before."""
+    failing = [alarm.id for vehicle in entry.vehicles for alarm in vehicle.alarms if fails(alarm.severity, fail_on)]
+    as_before = bool(failing) and all((entry.path, of) in known.alarms for of in failing)
+    return fails(entry.verdict, fail_on) and not as_before
+
+
+def _all_compared(entry: File, known: Known) -> bool:
+    """Whether there is an attitude, and each vehicle's was judged by something; or neither was so before."""
+    flying = [vehicle for vehicle in entry.vehicles if sends_attitude(vehicle)]
+    if not flying:
+        return entry.path in known.empty
+    return all(compared(one) or (entry.path, one.sysid, one.compid) in known.uncompared for one in flying)

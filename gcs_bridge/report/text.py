@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 from msgspec.structs import asdict
 
-from gcs_bridge.contract import Alarm, Diagnosis, Distribution, Stream
+from gcs_bridge.contract import Alarm, Diagnosis, Distribution, ExplainedBy, Stream
 from gcs_bridge.errors import one_line
 from gcs_bridge.mavlink.requests import request_command
 from gcs_bridge.report.rows import NBSP, counted, in_bytes, in_percent, in_seconds, labelled, shown, unbroken
@@ -18,8 +18,19 @@ from gcs_bridge.report.schema import Boot, Check, EstimatorReset, File, Salvage,
 from gcs_bridge.report.verdicts import LABELS, UNJUDGED, compared, sends_attitude
 from gcs_bridge.report.wording import UNITS, difference, quantity
 
-__all__ = ["lines"]
+__all__ = [
+    "alarm_line",
+    "explained_line",
+    "lines",
+    "requests",
+    "reset_line",
+    "salvage_line",
+    "summary",
+    "value_of",
+    "when_raised",
+]
 
+_NOTHING = 1e-6  # so much less than another part of a value is none of it
 _OTHERS = 8  # that the last line names
 _START_UP = "start-up"
 _ASSUMED = "assumed"  # how what is said of units begins
@@ -37,7 +48,7 @@ def _file(entry: File, detail: int) -> Iterator[str]:
     yield f"{one_line(entry.path)}  ({in_bytes(entry.bytes)}, {counted(salvage.frames, 'frame')})"
     damaged = salvage.bad_crc or salvage.skipped_bytes or salvage.gap_count or salvage.read_fraction != 1
     if damaged or detail > 0:
-        yield from labelled("damage" if damaged else "data", _salvage(salvage), indent=2)
+        yield from labelled("damage" if damaged else "data", salvage_line(salvage), indent=2)
     if detail > 0:
         for gap in salvage.gaps:
             yield from labelled("", f"gap of {counted(gap.bytes, 'byte')} at byte {shown(gap.offset)}", indent=2)
@@ -51,7 +62,8 @@ def _file(entry: File, detail: int) -> Iterator[str]:
         yield from _vehicle(vehicle, detail)
 
 
-def _salvage(salvage: Salvage) -> str:
+def salvage_line(salvage: Salvage) -> str:
+    """What was read, and what was damaged."""
     said = [
         f"read {in_percent(salvage.read_fraction)} of the bytes",
         f"{shown(salvage.bad_crc)} with a bad checksum",
@@ -95,7 +107,7 @@ def _vehicle(vehicle: Vehicle, detail: int) -> Iterator[str]:
     for boot in vehicle.boots:
         yield from labelled(f"boot {boot.index}", _boot(boot))
     for reset in vehicle.resets:
-        yield from labelled("reset", _reset(reset))
+        yield from labelled("reset", reset_line(reset))
     started = {check.reason.partition("; ")[0] for check in vehicle.checks if check.reason.startswith(_START_UP)}
     for said in sorted(started):
         yield from labelled(_START_UP, one_line(said.removeprefix(f"{_START_UP} ")))
@@ -104,7 +116,7 @@ def _vehicle(vehicle: Vehicle, detail: int) -> Iterator[str]:
     for check in vehicle.checks:
         yield from labelled(check.name, f"{LABELS[check.verdict]:<10}  {_findings(check, detail)}")
     for alarm in vehicle.alarms:
-        yield from labelled(LABELS[alarm.severity], _alarm(alarm))
+        yield from labelled(LABELS[alarm.severity], alarm_line(alarm))
 
 
 def _judged(check: Check | None) -> str:
@@ -123,7 +135,8 @@ def _boot(boot: Boot) -> str:
     return f"{in_seconds(first)} to {in_seconds(last)} ({in_seconds(last - first)}){began}"
 
 
-def _reset(reset: EstimatorReset) -> str:
+def reset_line(reset: EstimatorReset) -> str:
+    """When and by how much the estimate stepped, and what was said before."""
     said = f"at {in_seconds(reset.boot_s)} of boot {reset.boot} the estimator's heading stepped by "
     said += f"{quantity(reset.heading, 'deg')}, its tilt by {quantity(reset.tilt, 'deg')}"
     return f"{said} (said before it: {one_line('; '.join(reset.explained_by))})" if reset.explained_by else said
@@ -147,9 +160,7 @@ def _findings(check: Check, detail: int) -> str:
             said.append(_distribution(check.residual, unit, short=quiet))
         same = "" if check.same_instant is None else f" ({check.same_instant} at the same instant)"
         said.append(counted(check.pairs, "pair") + same)
-        for cause in check.explained_by:
-            estimated = " (estimated)" if cause.estimated else ""
-            said.append(f"explained by {cause.cause} {_value(cause.value, cause.unit)}{estimated}")
+        said += map(explained_line, check.explained_by)
         if (detail > 0 or check.explained_by) and check.raw.max is not None:
             said.append(f"raw {_distribution(check.raw, unit)}")
         if detail > 0:
@@ -172,20 +183,35 @@ def _distribution(values: Distribution, unit: str, *, short: bool = False) -> st
     return ", ".join(f"{name} {_value(numbers[name], unit)}" for name in numbers if name != "p95" or not short)
 
 
-def _alarm(alarm: Alarm) -> str:
-    """One sentence or two: when, what, how much, where, and why if that is known."""
-    cleared = alarm.cleared_boot_s
-    until = "to the end" if cleared is None else f"to {in_seconds(cleared)}"
-    utc = "" if alarm.raised_utc is None else f" (raised {alarm.raised_utc})"
-    again = f", {counted(alarm.repeats, 'time')} again" if alarm.repeats else ""
-    when = f"from {in_seconds(alarm.raised_boot_s)} {until} of boot {shown(alarm.boot)}{utc}{again}"
-    said = f"{alarm.check} {when}: {difference(alarm)}. This is {alarm.is_not}."
+def alarm_line(alarm: Alarm) -> str:
+    """What was raised, in one sentence or two: when, what, how much, where, and why if that is known."""
+    said = f"{alarm.check} {when_raised(alarm)}: {difference(alarm)}. This is {alarm.is_not}."
     diagnosis = alarm.diagnosis
     return said if diagnosis is None else f"{said} {_diagnosis(diagnosis)}"
 
 
+def when_raised(alarm: Alarm) -> str:
+    """From when to when it was on, and how often."""
+    cleared = alarm.cleared_boot_s
+    until = "to the end" if cleared is None else f"to {in_seconds(cleared)}"
+    utc = "" if alarm.raised_utc is None else f" (raised {alarm.raised_utc})"
+    again = f", {counted(alarm.repeats, 'time')} again" if alarm.repeats else ""
+    return f"from {in_seconds(alarm.raised_boot_s)} {until} of boot {shown(alarm.boot)}{utc}{again}"
+
+
+def value_of(diagnosis: Diagnosis) -> str:
+    """What the mistake added, with its unit; nothing where it has no number."""
+    return "" if diagnosis.value is None else _value(diagnosis.value, diagnosis.unit)
+
+
+def explained_line(cause: ExplainedBy) -> str:
+    """What the firmware did on purpose, and how it is known."""
+    estimated = " (estimated)" if cause.estimated else ""
+    return f"explained by {cause.cause} {_value(cause.value, cause.unit)}{estimated}"
+
+
 def _diagnosis(diagnosis: Diagnosis) -> str:
-    value = "" if diagnosis.value is None else f" {_value(diagnosis.value, diagnosis.unit)}"
+    value = f" {value_of(diagnosis)}".rstrip()
     side = "" if diagnosis.side is None else f" in message {diagnosis.side}"
     said = f"Cause: {diagnosis.cause}{value}{side} ({diagnosis.confidence})."
     return f"{said} {one_line(diagnosis.fix)}" if diagnosis.fix else said
@@ -195,13 +221,13 @@ def _conclusion(entry: File) -> Iterator[str]:
     """The file's last line, verdict first, and the commands that would get what was missing."""
     vehicles = entry.vehicles
     alarms = [(vehicle, alarm) for vehicle in vehicles for alarm in vehicle.alarms]
-    yield f"{LABELS[entry.verdict]:<10}  {one_line(entry.path)}: {_summary(entry)}{_worst(alarms)}"
+    yield f"{LABELS[entry.verdict]:<10}  {one_line(entry.path)}: {summary(entry)}{_worst(alarms)}"
     if alarms:
         return  # what does not come is not what they are about
     # Where others send an attitude, a vehicle that sends none may have none: a tracker, a gimbal.
     flying = [vehicle for vehicle in vehicles if sends_attitude(vehicle)]
     for vehicle in flying or vehicles:
-        for where, command in _requests(vehicle):
+        for where, command in requests(vehicle):
             yield f"            next, in {where} for vehicle {vehicle.sysid}: {command}"
 
 
@@ -224,7 +250,8 @@ def _heard(entry: File, most: int) -> str:
     return ", ".join(map(unbroken, said)) + (f" and {more} more" if more > 0 else "")
 
 
-def _summary(entry: File) -> str:
+def summary(entry: File) -> str:
+    """What was found in a file, in half a line."""
     vehicles = entry.vehicles
     if not vehicles:
         return f"no vehicle; heard: {_heard(entry, _OTHERS)}".replace(NBSP, " ") if entry.others else "no vehicle"
@@ -237,7 +264,7 @@ def _summary(entry: File) -> str:
     return ", ".join(said if len(said) > 1 else [*said, "no alarm"])
 
 
-def _requests(vehicle: Vehicle) -> list[tuple[str, str]]:
+def requests(vehicle: Vehicle) -> list[tuple[str, str]]:
     """The commands that make the autopilot send the messages without which nothing can be compared."""
     if any(check.name == "euler_quaternion" and check.verdict not in UNJUDGED for check in vehicle.checks):
         return []
@@ -256,4 +283,7 @@ def _value(value: float | Sequence[float] | None, unit: str | None) -> str:
     if value is None:
         return "unknown"
     numbers = value if isinstance(value, Sequence) else [value]
-    return "/".join(shown(number) for number in numbers) + UNITS.get(unit or "", f" {unit}")
+    least = _NOTHING * max(map(abs, numbers))
+    return "/".join(shown(number if abs(number) > least else 0) for number in numbers) + UNITS.get(
+        unit or "", f" {unit}"
+    )

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Literal
 
 from gcs_bridge.report.schema import Vehicle, Verdict
+from gcs_bridge.settings import FailOn
 
 __all__ = [
     "ATTITUDE_MESSAGES",
@@ -16,6 +17,7 @@ __all__ = [
     "UNJUDGED",
     "VERDICTS",
     "compared",
+    "fails",
     "sends_attitude",
     "worst_verdict",
 ]
@@ -54,3 +56,8 @@ def sends_attitude(vehicle: Vehicle) -> bool:
 def compared(vehicle: Vehicle) -> bool:
     """Whether anything judged the vehicle's attitude."""
     return any(check.name in COMPARATORS and check.verdict not in UNJUDGED for check in vehicle.checks)
+
+
+def fails(verdict: str, fail_on: FailOn) -> bool:
+    """Whether a verdict, or how severe an alarm is, is to fail."""
+    return verdict in {"warning": ("alarm", "warning"), "alarm": ("alarm",), "never": ()}[fail_on]

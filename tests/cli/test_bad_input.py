@@ -80,7 +80,7 @@ SOURCES = [
     ("log.bin", "MAVExplorer"),
     ("log.ulg", "pyulog"),
     ("log.px4log", "on-board log"),
-    ("packed.tlog.gz", "gunzip"),
+    ("packed.tlog.gz", "nothing of it can be unpacked"),
 ]
 
 

@@ -286,7 +286,7 @@ BAD_FILES = {
         ("noise.tlog --fault yaw_offset", 3, "not a telemetry recording"),
         ("log.bin --fault yaw_offset", 3, "MAVExplorer"),
         ("log.ulg --fault yaw_offset", 3, "pyulog"),
-        ("packed.tlog.gz --fault yaw_offset", 3, "gunzip"),
+        ("packed.tlog.gz --fault yaw_offset", 3, "nothing of it can be unpacked"),
         ("stream.raw --fault yaw_offset", 3, "a stream without record times"),
         ("beats.tlog --fault yaw_offset", 4, "no ATTITUDE_QUATERNION in the recording"),
         ("beats.tlog --fault roll_sign", 4, "no ATTITUDE in the recording"),

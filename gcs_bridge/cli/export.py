@@ -1,0 +1,119 @@
+"""`gcs-bridge export`: a recording as tables for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from gcs_bridge.cli.check import refuse_times
+from gcs_bridge.cli.signing_options import key_of, signing_options
+from gcs_bridge.cli.terminal import ProgressBar, complain
+
+__all__ = ["export"]
+
+_FORMATS = ("parquet", "csv", "mcap", "rrd")
+_FRAMES = ("ned_frd", "enu_flu", "enu_rfu")
+
+
+@click.command()
+@click.argument("path", metavar="FILE", type=click.Path(path_type=Path))
+@click.option("--format", "form", type=click.Choice(_FORMATS), default="parquet", help="What to write.  [parquet]")
+@click.option(
+    "--output", type=click.Path(path_type=Path), metavar="DIR|FILE", help="A folder for parquet and csv, else a file."
+)
+@click.option("--frame", type=click.Choice(_FRAMES), default="ned_frd", help="World and body axes.  [ned_frd]")
+@click.option("--sysid", type=click.IntRange(1, 255), metavar="N", help="Export this system alone.")
+@click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
+@click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
+@signing_options
+@click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
+@click.option("--config", type=click.Path(path_type=Path), metavar="FILE", help="TOML with settings of your own.")
+@click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]")
+@click.option("-q", "--quiet", is_flag=True, help="Only what went wrong.")
+def export(
+    path: Path,
+    form: str,
+    output: Path | None,
+    frame: str,
+    sysid: int | None,
+    from_s: float | None,
+    to_s: float | None,
+    signing_key_file: Path | None,
+    unsigned: str | None,
+    profile: str,
+    config: Path | None,
+    dialect: str,
+    quiet: bool,
+) -> int:
+    """Write a recording's samples, pairs, residuals and events as tables: frame and unit stand in each column's name.
+
+    Tables: attitude, attitude_quaternion, imu, secondary, pairs, events. mcap is for Foxglove and PlotJuggler (with
+    --frame enu_flu, as ROS has it), rrd for the rerun viewer.
+
+    \b
+    Exit codes: 0 written, 2 usage or configuration, 3 a source that cannot be used,
+    4 no vehicle in it sent its attitude.
+    """
+    from gcs_bridge.errors import UsageError
+    from gcs_bridge.settings import load_settings
+
+    refuse_times(from_s, to_s)
+    settings = load_settings(profile, config)
+    selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
+    selected |= {"signing_key": key_of(signing_key_file, unsigned), "unsigned": unsigned}
+    target = output or Path(f"{path.stem}-export" if form in ("parquet", "csv") else f"{path.stem}.{form}")
+    if form == "rrd":
+        if frame != "ned_frd":
+            raise UsageError(f"--frame {frame}: the viewer's scene is in ned_frd alone")
+        return _to_viewer(path, target, settings, selected, quiet=quiet)
+    return _to_tables(path, form, target, frame, settings, selected, quiet=quiet)
+
+
+def _to_tables(
+    path: Path, form: str, target: Path, frame: str, settings: Any, selected: dict[str, Any], *, quiet: bool
+) -> int:
+    from gcs_bridge._version import __version__
+    from gcs_bridge.contract import readable
+    from gcs_bridge.exporting.conventions import CONVENTIONS
+    from gcs_bridge.exporting.export import Export
+    from gcs_bridge.exporting.writers import WRITERS
+    from gcs_bridge.files import refuse_unwritable
+    from gcs_bridge.recordings.check import check_file
+    from gcs_bridge.report.verdicts import sends_attitude
+
+    if form == "mcap":
+        refuse_unwritable(target, sources=[path])
+    said = {"source": readable(path.name), "made_by": f"gcs-bridge {__version__}", "frame": frame}
+    writer = WRITERS[form](target, CONVENTIONS[frame], said)
+    try:
+        sink = Export(writer, CONVENTIONS[frame])
+        size = path.stat().st_size if path.is_file() else 0
+        with ProgressBar(total_bytes=size, enabled=not quiet) as progress:
+            entry = check_file(path, settings, **selected, progress=progress, sinks=[sink])
+        writer.finish()
+    finally:
+        writer.discard()
+    if not quiet:
+        rows = ", ".join(f"{count} {name}" for name, count in sink.rows.items()) or "no rows"
+        complain(f"{target}: {rows}", kind="note")
+    return 0 if any(map(sends_attitude, entry.vehicles)) else 4
+
+
+def _to_viewer(path: Path, target: Path, settings: Any, selected: dict[str, Any], *, quiet: bool) -> int:
+    from gcs_bridge.recordings.check import check_file
+    from gcs_bridge.report.verdicts import sends_attitude
+    from gcs_bridge.viewer import ViewerSpec, open_viewer
+
+    def say(text: str) -> None:
+        if not quiet:
+            complain(text, kind="note")
+
+    with open_viewer(ViewerSpec.parse(f"save:{target}"), say=say, sources=[path], live=False) as viewer:
+        sink = viewer.recording(path.name)
+        size = path.stat().st_size if path.is_file() else 0
+        with ProgressBar(total_bytes=size, enabled=not quiet) as progress:
+            entry = check_file(path, settings, **selected, progress=progress, sinks=[sink])
+        sink.finish(None)
+    return 0 if any(map(sends_attitude, entry.vehicles)) else 4

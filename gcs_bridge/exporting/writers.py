@@ -1,0 +1,157 @@
+"""How tables are written: by format, each streaming, and each file under its name only once it is whole."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any, Protocol
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from gcs_bridge.errors import UsageError
+from gcs_bridge.exporting.conventions import Convention
+from gcs_bridge.exporting.tables import TABLES, schema_of
+
+__all__ = ["WRITERS", "Writer", "lead_nowhere", "writing"]
+
+_ROWS = 65_536  # that are written at once: what a reader can skip
+
+
+class Writer(Protocol):
+    """Takes tables in pieces; UsageError where they cannot be written."""
+
+    def write(self, name: str, rows: pa.RecordBatch) -> None:
+        """Take more rows of a table."""
+
+    def finish(self) -> list[Path]:
+        """All has come: the files that are there now."""
+
+    def discard(self) -> None:
+        """Leave nothing behind of what is not whole; nothing to do after `finish`."""
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """UsageError in one line for what keeps a file from being written."""
+    try:
+        yield
+    except OSError as error:  # pyarrow's too
+        raise UsageError(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def lead_nowhere(file: IO[bytes]) -> None:
+    """What is still written to the file is lost: a library that ends its file however full the disk is cannot fail."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, file.fileno())
+    os.close(nowhere)
+
+
+class _Table:
+    """One file of one table."""
+
+    def __init__(self, path: Path, schema: pa.Schema, open_writer: Callable[[IO[bytes], pa.Schema], Any]) -> None:
+        self.path = path
+        self._temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        self._schema, self._waiting, self._count = schema, list[pa.RecordBatch](), 0
+        with writing(path):
+            self._file = self._temporary.open("wb", buffering=0)
+            try:
+                self._writer = open_writer(self._file, schema)
+            except OSError:
+                self._file.close()
+                self._temporary.unlink()
+                raise
+
+    def write(self, rows: pa.RecordBatch) -> None:
+        self._waiting.append(rows)
+        self._count += len(rows)
+        if self._count >= _ROWS:
+            self._flush()
+
+    def finish(self) -> None:
+        self._flush()
+        with writing(self.path):
+            self._writer.close()
+            self._file.close()
+            self._temporary.replace(self.path)
+
+    def discard(self) -> None:
+        if not self._file.closed:
+            lead_nowhere(self._file)
+            self._writer.close()
+            self._file.close()
+        self._temporary.unlink(missing_ok=True)
+
+    def _flush(self) -> None:
+        if not self._count:
+            return
+        with writing(self.path):
+            self._writer.write_table(pa.Table.from_batches(self._waiting, self._schema).combine_chunks())
+        self._waiting, self._count = [], 0
+
+
+class TableFiles:
+    """A folder with a file a table; those without a row are there too, with their columns."""
+
+    def __init__(
+        self,
+        folder: Path,
+        frame: Convention,
+        suffix: str,
+        open_writer: Callable[[IO[bytes], pa.Schema], Any],
+        said: dict[str, str],
+    ) -> None:
+        """Begin all files. UsageError where the folder cannot be written to."""
+        with writing(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        self._tables: dict[str, _Table] = {}
+        try:
+            for name, (columns, _) in TABLES.items():
+                schema = schema_of(columns(frame)).with_metadata(said)
+                self._tables[name] = _Table(folder / f"{name}{suffix}", schema, open_writer)
+        except UsageError:
+            self.discard()
+            raise
+
+    def write(self, name: str, rows: pa.RecordBatch) -> None:
+        """Take more rows of a table."""
+        self._tables[name].write(rows)
+
+    def finish(self) -> list[Path]:
+        """Complete all files."""
+        for table in self._tables.values():
+            table.finish()
+        return [table.path for table in self._tables.values()]
+
+    def discard(self) -> None:
+        """Remove what is not whole."""
+        for table in self._tables.values():
+            table.discard()
+
+
+def _parquet(path: Path, frame: Convention, said: dict[str, str]) -> Writer:
+    return TableFiles(
+        path, frame, ".parquet", lambda file, schema: pq.ParquetWriter(file, schema, compression="zstd"), said
+    )
+
+
+def _csv(path: Path, frame: Convention, said: dict[str, str]) -> Writer:
+    return TableFiles(path, frame, ".csv", pyarrow.csv.CSVWriter, said)
+
+
+def _mcap(path: Path, frame: Convention, said: dict[str, str]) -> Writer:
+    from gcs_bridge.exporting.mcap import McapFile
+
+    return McapFile(path, frame, said)
+
+
+# By name: opens what a recording's tables are written to, at a path, in a convention, with what is said of all.
+WRITERS: dict[str, Callable[[Path, Convention, dict[str, str]], Writer]] = {
+    "parquet": _parquet,
+    "csv": _csv,
+    "mcap": _mcap,
+}

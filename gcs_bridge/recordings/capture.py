@@ -1,0 +1,140 @@
+"""Captures of a network (pcap, pcapng): the MAVLink over UDP in them, a link for each flow, as records with times.
+
+A flow is what two ends say to each other, either way. Packets are taken apart by dpkt.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from typing import Any, BinaryIO, NamedTuple
+
+import dpkt
+
+__all__ = ["flows", "write_records"]
+
+_V1, _V2 = 0xFE, 0xFD
+_SIGNED = 0x01
+_PCAPNG = b"\x0a\x0d\x0d\x0a"
+_RAW_IP = (12, 14, 101)  # link types of packets that begin with IP
+_BY_LINK: dict[int, type[dpkt.Packet]] = {
+    0: dpkt.loopback.Loopback,
+    1: dpkt.ethernet.Ethernet,
+    113: dpkt.sll.SLL,
+    276: dpkt.sll2.SLL2,
+}
+
+
+class _Datagram(NamedTuple):
+    flow: str
+    t_us: int
+    data: bytes
+
+
+class _Passed:
+    """Packets that could not be used, counted."""
+
+    fragments = truncated = 0
+    cut_off = False
+
+
+def flows(file: BinaryIO) -> list[str]:
+    """The flows that carry MAVLink, in order of appearance. ValueError for what is no capture."""
+    found: dict[str, bool] = {}
+    for datagram in _datagrams(file, _Passed()):
+        if not found.get(datagram.flow):
+            found[datagram.flow] = all(whole for _, whole in split(datagram.data))
+    return [flow for flow, has_frames in found.items() if has_frames]
+
+
+def write_records(file: BinaryIO, flow: str, into: BinaryIO) -> list[str]:
+    """Write a flow's datagrams as a .tlog: frame by frame, each with its time. Returns what there is to say of it."""
+    passed = _Passed()
+    for datagram in _datagrams(file, passed):
+        if datagram.flow == flow:
+            stamp = struct.pack(">Q", datagram.t_us)
+            into.writelines(stamp + data for data, _ in split(datagram.data))
+    remarks = []
+    if passed.fragments:
+        remarks.append(f"{passed.fragments} fragments of larger datagrams in the capture were passed over")
+    if passed.truncated:
+        remarks.append(f"{passed.truncated} datagrams were not captured whole, and were passed over")
+    if passed.cut_off:
+        remarks.append("the capture is cut off; what lies before that is judged")
+    return remarks
+
+
+def split(data: bytes) -> Iterator[tuple[bytes, bool]]:
+    """A datagram's frames, and what lies between them: each with whether it has a frame's shape."""
+    at = loose = 0
+    while at < len(data):
+        size = _size_at(data, at)
+        if not size:
+            at += 1
+            continue
+        if loose < at:
+            yield data[loose:at], False
+        yield data[at : at + size], True
+        at = loose = at + size
+    if loose < len(data):
+        yield data[loose:], False
+
+
+def _size_at(data: bytes, at: int) -> int:
+    """How long the frame is that begins there, 0 if none does."""
+    if data[at] == _V1 and at + 2 <= len(data):
+        size = 8 + data[at + 1]
+    elif data[at] == _V2 and at + 3 <= len(data):
+        size = 12 + data[at + 1] + (13 if data[at + 2] & _SIGNED else 0)
+    else:
+        return 0
+    return size if at + size <= len(data) else 0
+
+
+def _datagrams(file: BinaryIO, passed: _Passed) -> Iterator[_Datagram]:
+    file.seek(0)
+    reader = dpkt.pcapng.Reader if file.read(4) == _PCAPNG else dpkt.pcap.Reader
+    file.seek(0)
+    try:
+        packets = reader(file)
+        link = packets.datalink()
+    except (dpkt.UnpackError, ValueError) as error:
+        raise ValueError(str(error) or "its header is cut off") from None
+    if link not in _BY_LINK and link not in _RAW_IP:
+        raise ValueError(f"packets of link type {link} are not known here")
+    each = iter(packets)
+    while True:
+        try:
+            t_s, packet = next(each)
+        except StopIteration:
+            return
+        except (dpkt.UnpackError, ValueError, struct.error):
+            passed.cut_off = True
+            return
+        datagram = _datagram(round(float(t_s) * 1e6), link, bytes(packet), passed)
+        if datagram is not None:
+            yield datagram
+
+
+def _datagram(t_us: int, link: int, packet: bytes, passed: _Passed) -> _Datagram | None:
+    """The UDP datagram in a packet, if there is one."""
+    try:
+        network: Any = _ip(packet) if link in _RAW_IP else _BY_LINK[link](packet).data
+        if isinstance(network, dpkt.ip.IP) and (network.mf or network.offset):
+            passed.fragments += network.p == dpkt.ip.IP_PROTO_UDP
+            return None
+        udp = getattr(network, "data", None)
+        if not isinstance(udp, dpkt.udp.UDP):
+            return None
+        if udp.ulen > len(udp.data) + 8:
+            passed.truncated += 1
+            return None
+        ends = sorted(((network.src, udp.sport), (network.dst, udp.dport)))
+    except (dpkt.UnpackError, ValueError, AttributeError):
+        return None
+    flow = "-".join(f"{dpkt.utils.inet_to_str(address)}:{port}" for address, port in ends)
+    return _Datagram(flow, t_us, bytes(udp.data))
+
+
+def _ip(packet: bytes) -> Any:
+    return dpkt.ip6.IP6(packet) if packet[:1] and packet[0] >> 4 == 6 else dpkt.ip.IP(packet)
