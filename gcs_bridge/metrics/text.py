@@ -35,8 +35,9 @@ class Writer:
         parts: list[str] = []
         for samples in scraped:
             starts = self._starts.setdefault(samples.family, {})
-            if samples.family not in self._heads or not all(labels in starts for labels, _ in samples.rows):
-                self._learn(samples)
+            unknown = [row for row in samples.rows if row[0] not in starts]
+            if unknown or samples.family not in self._heads:
+                self._learn(Samples(samples.family, unknown))
             parts.append(self._heads[samples.family])
             parts += [f"{starts[labels]} {_as_text(value)}\n" for labels, value in samples.rows]
         return "".join(parts).encode() + self._encoder(others)
