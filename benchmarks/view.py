@@ -33,7 +33,7 @@ _TOLD = "BENCHMARK_TOLD"  # names the file in which the view's cost is told
 
 
 class Cost(NamedTuple):
-    """Shares of a processor: of the whole process, and of the view within it; what it sends, bytes/s, and how often it looks."""
+    """Shares of a processor: of the whole process, and of the view within it; what it sends, bytes/s; looks/s."""
 
     process: float
     view: float
@@ -51,11 +51,11 @@ def listen_timed() -> None:
     live_rate.clock(used_s, "events", View, "events")
     look, used_s[_LOOKS] = View._look, 0.0
 
-    def look_counted(view: View, now_s: float) -> None:
+    def look_counted(self: View, now_s: float) -> None:
         used_s[_LOOKS] += 1
-        look(view, now_s)
+        look(self, now_s)
 
-    View._look = look_counted  # type: ignore[method-assign]  # to be measured
+    setattr(View, look.__name__, look_counted)
     signal.signal(signal.SIGUSR1, lambda *_: used_s.update(dict.fromkeys(used_s, 0.0)))
     code = main(sys.argv[1:])
     Path(os.environ[_TOLD]).write_text(json.dumps(used_s))
@@ -74,9 +74,8 @@ def measured(folder: Path, vehicles: int, columns: int, rows: int, *, plain: boo
     read = [0]
     reader = threading.Thread(target=_read, args=(terminal, read), daemon=True)
     reader.start()
-    while not read[0]:
+    while not _is_bound(port):
         time.sleep(0.1)
-    time.sleep(1.0)
     per_s = vehicles * fleet.PER_S
     frames = fleet.Fleet(vehicles).first(per_s * (SETTLED_S + MEASURED_S + 1))
     flight = threading.Thread(target=live_rate.sent, args=(folder, frames, port, per_s))
@@ -94,6 +93,15 @@ def measured(folder: Path, vehicles: int, columns: int, rows: int, *, plain: boo
     used_s: dict[str, float] = json.loads(told.read_text())
     looks = used_s.pop(_LOOKS)
     return Cost(cpu_s / lasted_s, sum(used_s.values()) / lasted_s, sent / lasted_s, looks / lasted_s)
+
+
+def _is_bound(port: int) -> bool:
+    """Whether somebody listens there."""
+    try:
+        live_rate.queue_of(port)
+    except LookupError:
+        return False
+    return True
 
 
 def _read(terminal: int, read: list[int]) -> None:
