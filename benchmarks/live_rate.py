@@ -173,7 +173,7 @@ def trial(folder: Path, per_s: float, seconds: float, vehicles: int = VEHICLES) 
     listening = Listening(folder)
     began_s = listening.cpu_s()
     said, _ = sent(folder, frames, listening.port, per_s)
-    queued, dropped = _queue_of(listening.port)
+    queued, dropped = queue_of(listening.port)
     cpu = (listening.cpu_s() - began_s) / said["took_s"]
     used_s = listening.end()
     all_s, rate = used_s["all"], said["count"] / said["took_s"]
@@ -183,7 +183,7 @@ def trial(folder: Path, per_s: float, seconds: float, vehicles: int = VEHICLES) 
     return Trial(rate, dropped, queued / _queued_each() / rate, cpu, shares)
 
 
-def _queue_of(port: int) -> tuple[int, int]:
+def queue_of(port: int) -> tuple[int, int]:
     """(bytes of its buffer that are taken, datagrams that were dropped) of a UDP socket of this machine."""
     for line in Path("/proc/net/udp").read_text().splitlines()[1:]:
         fields = line.split()
@@ -199,7 +199,7 @@ def _queued_each() -> float:
         one.bind(("127.0.0.1", 0))
         for _ in range(20):
             one.sendto(bytes(45), one.getsockname())
-        return _queue_of(one.getsockname()[1])[0] / 20
+        return queue_of(one.getsockname()[1])[0] / 20
 
 
 def trials(folder: Path, seconds: float, within: float) -> Iterator[Trial]:

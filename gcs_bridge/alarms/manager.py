@@ -7,7 +7,7 @@ check, raises that come thick are grouped) is decided here, in the order of the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, Literal, NamedTuple
@@ -92,6 +92,7 @@ class AlarmManager:
         self._of_check: dict[str, list[AlarmSlot]] = {}
         for slot in self._slots:
             self._of_check.setdefault(slot.spec.check, []).append(slot)
+        self._places_of = {check: [slot.place for slot in slots] for check, slots in self._of_check.items()}
         self._shelf: dict[AlarmSlot, int] = {}  # what is shelved → receive time at which that ends, µs
         self.start_boot(0)
 
@@ -111,8 +112,12 @@ class AlarmManager:
                 yield self._notice(AlarmCleared, slot.record, t_boot_us, at, reason="reboot")
 
     def slots_now(self) -> Iterator[tuple[AlarmSlot, SlotNow]]:
-        """Every alarm, and where it is."""
+        """Every alarm, and where it is, in the order of their places."""
         return zip(self._slots, self.ballot.now(), strict=True)
+
+    def places_of(self, check: str) -> Sequence[int]:
+        """Of the alarms of this check."""
+        return self._places_of.get(check, ())
 
     def pending(self, check: str) -> bool:
         """Whether an alarm of this check waits for its delay."""

@@ -18,6 +18,8 @@ from gcs_bridge.alarms.rated import Worst
 class State(Enum):
     """Of one alarm."""
 
+    __hash__ = object.__hash__  # each is one object; Enum's own is computed anew with every look into a set or a table
+
     NORMAL = "normal"
     PENDING = "pending"  # above the limit, waiting for the on-delay
     RAISED = "raised"  # and nobody has acknowledged it
@@ -85,6 +87,8 @@ TRANSITIONS = {
 
 class Announcement(Enum):
     """How an alarm is announced, whatever its state."""
+
+    __hash__ = object.__hash__  # as State's
 
     TOLD = "told"  # what happens to it is told
     SUPPRESSED = "suppressed"  # it stands beside an alarm of the same check, which says it already

@@ -5,7 +5,7 @@ Sample after sample, in order of arrival; what comes out are changes of state al
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -295,6 +295,7 @@ class Ballot:
             )
             alarm["recurring_window_us"] = round(spec.recurring_window_s * 1e6)
             alarm["short_row"] = recurring.index(spec) if spec.recurring_window_s else -1
+        self._shown = [self._votes.alarm[name] for name in ("state", "samples", "t_us", "value", "limit")]
         self._fresh = self._votes.alarm.copy()
         self._fresh["worst"], self._fresh["onset_us"] = -1.0, -1
         self.start_boot()
@@ -382,11 +383,10 @@ class Ballot:
         alarm = self._votes.alarm[place]
         return Worst(float(alarm["worst"]), alarm["worst_detail"].copy())
 
-    def now(self) -> list[SlotNow]:
+    def now(self) -> Iterator[SlotNow]:
         """Where each alarm is, in the order of their places."""
-        alarm = self._votes.alarm
-        state, *numbers = (alarm[name].tolist() for name in ("state", "samples", "t_us", "value", "limit"))
-        return list(zip(map(_STATES.__getitem__, state), *numbers, strict=True))
+        state, *numbers = (numbers.tolist() for numbers in self._shown)
+        return zip(map(_STATES.__getitem__, state), *numbers, strict=True)
 
 
 _NO_SIGNALS: npt.NDArray[np.int64] = np.empty((0, 2), np.int64)

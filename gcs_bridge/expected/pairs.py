@@ -14,7 +14,7 @@ import numpy.typing as npt
 from gcs_bridge import attitude
 from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, last_where, record, running_max
 from gcs_bridge.expected.correction import Correction
-from gcs_bridge.pairing.neighbours import first_at_or_behind
+from gcs_bridge.pairing.instants import Stamps, same_instants
 from gcs_bridge.telemetry.samples import AttitudeSamples
 
 NOISE_RAD = math.radians(1e-4)
@@ -99,17 +99,12 @@ def match(euler: EulerRows, quaternion: QuaternionRows, after: int) -> tuple[Cle
     """The clean pairs of one instant that were completed after the frame `after`, and the view of each."""
     if not len(euler) or not len(quaternion):
         return NO_CLEAN_PAIRS, NO_EULER.view
-    at, same = first_at_or_behind(euler.t_us, quaternion.t_us)
-    i = np.flatnonzero(same)
-    j = at[i]
-    completed = np.maximum(euler.frame_index[i], quaternion.frame_index[j])
-    clean = (completed > after) & (np.abs(euler.rpy_rad[i, 1]) <= STEEP_RAD)
-    for rows, of in ((i, euler), (j, quaternion)):
-        clean &= np.searchsorted(of.frame_index, completed, side="right") - rows <= TAIL
-    order = np.argsort(completed[clean], kind="stable")
-    i, j = i[clean][order], j[clean][order]
+    a, b = (Stamps(of.frame_index, of.t_us) for of in (euler, quaternion))
+    i, j = same_instants(a, b, after, TAIL)
+    clean = np.abs(euler.rpy_rad[i, 1]) <= STEEP_RAD
+    i, j = i[clean], j[clean]
     pairs = CleanPairs(
-        frame_index=completed[clean][order],
+        frame_index=np.maximum(euler.frame_index[i], quaternion.frame_index[j]),
         t_us=euler.t_us[i],
         rpy_rad=euler.rpy_rad[i],
         q_nb=quaternion.q_nb[j],

@@ -35,6 +35,8 @@ from gcs_bridge.expected.pairs import (
     QuaternionRows,
 )
 from gcs_bridge.jit import helper, kernel
+from gcs_bridge.pairing.instants import at_instant
+from gcs_bridge.pairing.state import UNKNOWN
 
 
 class Expectation(NamedTuple):
@@ -69,7 +71,7 @@ LEARNT = np.dtype(
 
 
 class Rows(NamedTuple):
-    """The last rows of a stream: rings by position."""
+    """The last rows of a stream: rings by position, whose room is a power of two."""
 
     held: Int64s  # (1,) how many there were
     frame_index: Int64s  # (room,)
@@ -187,13 +189,10 @@ def _latest_us(rows: Any) -> Any:
 
 @helper
 def _at_instant(rows: Any, t_us: Any) -> Any:
-    """The place of the row at a time; −1: none."""
-    room = rows.t_us.size
-    for position in range(rows.held[0] - 1, max(rows.held[0] - room, 0) - 1, -1):
-        at_us = rows.t_us[position % room]
-        if at_us <= t_us:
-            return position % room if at_us == t_us else -1
-    return -1
+    """The place of the row at a time; UNKNOWN: none."""
+    room, held = rows.t_us.size, rows.held[0]
+    position = at_instant(rows.t_us, room - 1, held, max(held - room, 0), t_us, 0)
+    return position if position == UNKNOWN else position % room
 
 
 @helper

@@ -29,7 +29,7 @@ class AttitudeNow(Struct, frozen=True, kw_only=True):
     w_nb_b_rad_s: Annotated[Vector, Meta(description="body rates, rad/s")]
 
 
-class AlarmNow(Struct, frozen=True, kw_only=True):
+class AlarmNow(Struct, frozen=True, kw_only=True, gc=False):
     """One alarm of a check: the latest sample against its limit, both in `unit`, and how the alarm stands."""
 
     name: str
@@ -44,7 +44,7 @@ class AlarmNow(Struct, frozen=True, kw_only=True):
     peak: float | None
 
 
-class CheckNow(Struct, frozen=True, kw_only=True):
+class CheckNow(Struct, frozen=True, kw_only=True, gc=False):
     """One check: its verdict so far, and its alarms."""
 
     name: str
@@ -101,12 +101,12 @@ def attitude_now(samples: AttitudeSamples | None, t_rx_us: int, *, alive: bool) 
     """The last of some samples."""
     if samples is None:
         return None
-    came_us = int(samples.t_rx_us[-1])
+    came_us = samples.t_rx_us.item(-1)
     return AttitudeNow(
-        t_boot_s=int(samples.t_boot_us[-1]) / 1e6,
+        t_boot_s=samples.t_boot_us.item(-1) / 1e6,
         age_s=(t_rx_us - came_us) / 1e6 if came_us >= 0 else None,
         alive=alive,
-        valid=bool(samples.valid[-1]),
+        valid=samples.valid.item(-1),
         q_nb=tuple(samples.q_nb[-1].tolist()),
         rpy_rad=None if samples.rpy_rad is None else tuple(samples.rpy_rad[-1].tolist()),
         w_nb_b_rad_s=tuple(samples.w_nb_b_rad_s[-1].tolist()),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import starmap
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from gcs_bridge.judging.notices import (
     stream_changes,
 )
 from gcs_bridge.judging.observation import Observation, Observer
-from gcs_bridge.judging.snapshot import AlarmNow, CheckNow, VehicleNow, alarm_now, attitude_now
+from gcs_bridge.judging.snapshot import CheckNow, VehicleNow, alarm_now, attitude_now
 from gcs_bridge.judging.start_up import StartUpChange
 from gcs_bridge.judging.untimed import Untimed
 from gcs_bridge.judging.verdicts import Verdicts
@@ -157,9 +158,7 @@ class VehicleJudge:
     def now(self, reader: VehicleReader, t_rx_us: int) -> VehicleNow:
         """What is known now, at the receive time `t_rx_us` of the link."""
         boot = self._boot
-        by_check: dict[str, list[AlarmNow]] = {check.name: [] for check in self._checks}
-        for slot, now in self.alarm_manager.slots_now():
-            by_check[slot.spec.check].append(alarm_now(slot, now))
+        alarms, places_of = list(starmap(alarm_now, self.alarm_manager.slots_now())), self.alarm_manager.places_of
         verdicts = self._verdicts.of_checks()
         alive = boot.alive if boot else [False, False]
         heard_us = reader.heard_rx_us
@@ -183,7 +182,8 @@ class VehicleJudge:
                 for name, count in self._streams.items()
             },
             checks=tuple(
-                CheckNow(name=name, verdict=verdict, alarms=tuple(by_check[name])) for name, verdict in verdicts.items()
+                CheckNow(name=name, verdict=verdict, alarms=tuple([alarms[place] for place in places_of(name)]))
+                for name, verdict in verdicts.items()
             ),
         )
 

@@ -70,8 +70,10 @@ class Verdicts:
         for severity in _SEVERITIES:
             if severity in severities:
                 return severity
-        judged = any(check.compares and of_checks[check.name] in ("agree", "explained") for check in self._checks)
-        return "agree" if judged and not self._undecided else "no_compare"
+        agreeing = [check for check in self._checks if of_checks[check.name] in ("agree", "explained")]
+        if not any(check.compares for check in agreeing):
+            return "no_compare"
+        return "agree" if self._euler_quaternion in agreeing or not self._undecided else "no_compare"
 
     def of_checks(self) -> dict[str, schema.CheckVerdict]:
         """The verdict of each check, by its name."""

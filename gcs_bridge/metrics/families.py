@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
-from prometheus_client.registry import Collector
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 from gcs_bridge._version import __version__
 from gcs_bridge.contract import readable
@@ -20,7 +20,10 @@ from gcs_bridge.metrics.check_state import CHECK_STATES, state_of
 from gcs_bridge.metrics.published import Published, Raised, Raises
 from gcs_bridge.telemetry.identity import VehicleId
 
-__all__ = ["FAMILIES", "OTHERS", "Family", "SnapshotCollector"]
+__all__ = ["FAMILIES", "OTHERS", "Family", "Labels", "Samples", "SnapshotCollector"]
+
+Labels = tuple[str, ...]
+"""The values of a series' labels, in the order of its family's."""
 
 OTHERS = "others"
 """The `vehicle` of frames of whoever has no series: ground stations, cameras, copies, made-up vehicles."""
@@ -51,10 +54,20 @@ class Family:
         """Whether it is a counter; else a gauge."""
         return self.name.endswith("_total")
 
-    def empty(self) -> CounterMetricFamily | GaugeMetricFamily:
-        """For one scrape."""
-        kind = CounterMetricFamily if self.counts else GaugeMetricFamily
-        return kind(self.full_name, self.help, labels=self.labels)
+
+class Samples(NamedTuple):
+    """What one scrape has of a family: of each series the labels and the value."""
+
+    family: Family
+    rows: Sequence[tuple[Labels, float]]
+
+    def as_metric(self) -> Metric:
+        """For Prometheus's library."""
+        kind = CounterMetricFamily if self.family.counts else GaugeMetricFamily
+        metric = kind(self.family.full_name, self.family.help, labels=self.family.labels)
+        for labels, value in self.rows:
+            metric.add_metric(labels, value)
+        return metric
 
 
 FAMILIES = (
@@ -77,22 +90,20 @@ FAMILIES = (
 )
 
 
-class SnapshotCollector(Collector):
-    """Gives Prometheus's library what was published last; used by one thread at a time."""
+class SnapshotCollector:
+    """Makes samples of what was published; used by one thread at a time."""
 
     def __init__(self, links: Sequence[str]) -> None:
         """Start with nothing; `links`: their names, by number."""
         self._links = [readable(name) for name in links]
-        self._highest: dict[tuple[str, ...], float] = {}
-        self.published: Published | None = None
+        self._highest: dict[Labels, float] = {}
 
-    def collect(self) -> Iterator[CounterMetricFamily | GaugeMetricFamily]:
+    def collect(self, published: Published) -> Iterator[Samples]:
         """All families, with what is known."""
         scrape = _Scrape(self._highest)
         scrape.add("build_info", (__version__,), 1)
-        if self.published is not None:
-            self._fill(scrape, self.published)
-        yield from scrape.families.values()
+        self._fill(scrape, published)
+        return (Samples(family, scrape.rows[family.name]) for family in FAMILIES)
 
     def _fill(self, scrape: _Scrape, published: Published) -> None:
         listed = dict.fromkeys(range(len(self._links)), 0)  # frames, by link
@@ -106,22 +117,22 @@ class SnapshotCollector(Collector):
 
 
 class _Scrape:
-    """The families of one scrape, while they are filled."""
+    """The samples of one scrape by family, while they are added."""
 
-    def __init__(self, highest: dict[tuple[str, ...], float]) -> None:
-        """`highest`: what counters showed so far, kept from scrape to scrape."""
-        self.families = {family.name: family.empty() for family in FAMILIES}
+    def __init__(self, highest: dict[Labels, float]) -> None:
+        """`highest`: what counters showed so far, by name and labels, kept from scrape to scrape."""
+        self.rows: dict[str, list[tuple[Labels, float]]] = {family.name: [] for family in FAMILIES}
         self._counters = {family.name for family in FAMILIES if family.counts}
         self._highest = highest
 
-    def add(self, name: str, labels: tuple[str, ...], value: float | None) -> None:
+    def add(self, name: str, labels: Labels, value: float | None) -> None:
         """A sample; none where the value is not known."""
         if value is None or not math.isfinite(value):
             return
         if name in self._counters:  # a frame that was counted as lost may come late
             key = (name, *labels)
             value = self._highest[key] = max(value, self._highest.get(key, 0))
-        self.families[name].add_metric(labels, value)
+        self.rows[name].append((labels, value))
 
     def add_link(self, name: str, link: LinkNow, listed: int) -> None:
         """What is known of a link, of whose frames `listed` have a vehicle's name."""
@@ -153,7 +164,7 @@ class _Scrape:
                 if _is_current(alarm, vehicle):
                     self._add_alarm((*of_check, alarm.name), alarm)
 
-    def _add_alarm(self, labels: tuple[str, ...], alarm: AlarmNow) -> None:
+    def _add_alarm(self, labels: Labels, alarm: AlarmNow) -> None:
         assert alarm.value is not None
         assert alarm.limit is not None
         if alarm.unit == "deg":

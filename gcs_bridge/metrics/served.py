@@ -1,7 +1,7 @@
 """The port at which Prometheus reads: http://127.0.0.1:PORT/metrics. Nothing but the address of this machine is served.
 
-HTTP is the standard library's, the text is prometheus_client's; each scrape is answered by a thread of its own, which
-asks the loop for what is known now. If the loop does not answer, neither does the scrape: then `up` is 0.
+HTTP is the standard library's, the text is as prometheus_client writes it; each scrape is answered by a thread of its
+own, which asks the loop for what is known now. If the loop does not answer, neither does the scrape: then `up` is 0.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 from prometheus_client import CollectorRegistry, ProcessCollector, make_wsgi_app
+from prometheus_client.exposition import choose_encoder
 
 from gcs_bridge.errors import SourceError
 from gcs_bridge.events import AlarmRaised, Event, vehicle_of
 from gcs_bridge.links.port_owner import port_owner
 from gcs_bridge.metrics.families import SnapshotCollector
 from gcs_bridge.metrics.published import Exchange, Published, Raised
+from gcs_bridge.metrics.text import Writer
 from gcs_bridge.sinks.base import Sink
 
 if TYPE_CHECKING:
@@ -31,8 +33,9 @@ __all__ = ["MOST_VEHICLES", "MetricsServer"]
 
 MOST_VEHICLES = 64  # of a link that have series: whoever comes first. Senders can be made up by the ten thousand
 _HOST = "127.0.0.1"
+_MOST_FORMS = 4  # of the text are remembered: a server asks for one, again and again
 _IDLE_S = 10.0  # so long a connection may say nothing
-_POLL_S = 0.2  # so soon it ends when it is asked to
+_POLL_S = 0.5  # so soon it ends when it is asked to
 _FIRST_FREE_PORT = 1024
 
 _Start = Callable[..., Any]  # as WSGI has them
@@ -55,12 +58,11 @@ class MetricsServer(Sink):
         self._raises: dict[Raised, int] = {}
         self._take: Callable[[], Published] | None = None
         self._collector = SnapshotCollector(links)
+        self._writers: dict[str, Writer] = {}  # by the type of what they write
         self._collecting = Lock()  # among scrapes; the loop never takes it
-        registry = CollectorRegistry()
-        registry.register(self._collector)
-        ProcessCollector(registry=registry)
-        # Within one machine nothing is gained by making it small, and that costs as much as making it.
-        self._text = make_wsgi_app(registry, disable_compression=True)
+        self._process = CollectorRegistry()  # what this process uses
+        ProcessCollector(registry=self._process)
+        self._no_scrape = make_wsgi_app(self._process)
         try:
             self._server = _Server((_HOST, port), _Handler)
         except OSError as error:
@@ -102,14 +104,28 @@ class MetricsServer(Sink):
 
     def _answer(self, environ: _Environ, start: _Start) -> Iterable[bytes]:
         """One request, in a thread of its own."""
+        if environ["REQUEST_METHOD"] != "GET" or environ["PATH_INFO"] == "/favicon.ico":
+            others: Iterable[bytes] = self._no_scrape(environ, start)
+            return others
         published = self._exchange.get()
         if published is None:
             start("503 Service Unavailable", [("Content-Type", "text/plain; charset=utf-8")])
             return [b"gcs-bridge is busy, starts or ends: nothing is known right now\n"]
+        # It is not compressed: within one machine nothing is gained by that, and it costs more than writing it.
         with self._collecting:
-            self._collector.published = published
-            text: Iterable[bytes] = self._text(environ, start)
-            return text
+            text, content_type = self._written(published, environ.get("HTTP_ACCEPT", ""))
+        start("200 OK", [("Content-Type", content_type)])
+        return [text]
+
+    def _written(self, published: Published, accept: str) -> tuple[bytes, str]:
+        """What is known, in the form that is asked for, and the type of that."""
+        encoder, content_type = choose_encoder(accept)
+        writer = self._writers.get(content_type)
+        if writer is None:
+            if len(self._writers) >= _MOST_FORMS:
+                self._writers.clear()
+            writer = self._writers[content_type] = Writer(encoder)
+        return writer.text(self._collector.collect(published), self._process), content_type
 
 
 class _Server(socketserver.ThreadingMixIn, WSGIServer):

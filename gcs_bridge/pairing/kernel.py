@@ -11,6 +11,7 @@ import numpy as np
 
 from gcs_bridge.columns import Int64Rows, Int64s
 from gcs_bridge.jit import helper, kernel
+from gcs_bridge.pairing.instants import at_instant
 from gcs_bridge.pairing.periods import decide_slower, follow_period
 from gcs_bridge.pairing.state import (
     COLUMNS,
@@ -37,21 +38,18 @@ _LATE_US = 1_000_000  # how far back a late sample may still find a partner at i
 
 @helper
 def _same_instant(state: Any, k: Any, t: Any) -> Any:
-    """Position of the sample of stream `k` at exactly `t`, −1 if there is none that still wants its partner.
+    """Position of the sample of stream `k` at exactly `t`, UNKNOWN if there is none that still wants its partner.
 
     One that was compared with its neighbours while its partner was overtaken still does.
     """
-    last = state.time.shape[1] - 1
     if state.of[k, LATEST] < t:
         return UNKNOWN
-    count = state.of[k, COUNT]
-    for position in range(count - 1, max(count - RING, 0) - 1, -1):
-        time = state.time[k, position & last]
-        if time == t and state.paired[k, position & last] != SAME_INSTANT:
-            return position
-        if time < t - _LATE_US:
-            break
-    return UNKNOWN
+    last, count = state.time.shape[1] - 1, state.of[k, COUNT]
+    oldest = max(count - RING, 0)
+    position = at_instant(state.time[k], last, count, oldest, t, _LATE_US)
+    while position != UNKNOWN and state.paired[k, position & last] == SAME_INSTANT:
+        position = at_instant(state.time[k], last, position, oldest, t, _LATE_US)
+    return position
 
 
 @helper

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 import numpy as np
 
 from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record, running_max
 
-NumbersT = TypeVar("NumbersT", Int64s, Floats)
 
-
-def first_at_or_behind(t: NumbersT, series: NumbersT, within: float = 0) -> tuple[Int64s, Mask]:
+def first_at_or_behind(t: Floats, series: Floats, within: float) -> tuple[Int64s, Mask]:
     """Where in a series (k,) of increasing times the first one is that is not before `t` (n,); k: there is none.
 
-    And whether it is of the same instant (n,): not further away than `within`, which may be before `t` too.
+    And whether it is as good as at `t` (n,): not further away than `within`, which may be before `t` too.
     """
-    at = np.searchsorted(series, t - within if within else t)
+    at = np.searchsorted(series, t - within)
     same = at < len(series)
     same[same] = np.abs(series[at[same]] - t[same]) <= within
     return at, same

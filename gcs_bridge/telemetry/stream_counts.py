@@ -5,7 +5,7 @@ What is in them is not looked at here.
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -15,33 +15,37 @@ from gcs_bridge.jit import helper, kernel
 
 US_PER_S = 1e6
 SILENCE_US = 2_000_000  # a longer interval is a silence, and no part of the rate
-_COUNT = np.dtype(
-    [
-        ("count", "i8"),
-        ("invalid", "i8"),
-        ("lost", "i8"),
-        ("follows_losses", "?"),
-        ("max_gap_us", "i8"),  # 0: no interval yet
-        ("intervals", "i8"),
-        ("spent_us", "i8"),
-        ("silences", "i8"),
-        ("silent_us", "i8"),
-        ("began", "?"),  # whether a sample came within the boot
-        ("latest_us", "i8"),  # of them
-        ("standing", "i8"),  # samples with the time of the one before
-        # By receive time, for where the samples' own stands still.
-        ("rx_us", "i8"),
-        ("rx_intervals", "i8"),
-        ("rx_spent_us", "i8"),
-        ("last_lost", "i8"),
-    ]
-)
+
+
+class _Counts(NamedTuple):
+    """What is counted of one message."""
+
+    came: int
+    invalid: int
+    lost: int
+    follows_losses: int  # whether losses are counted
+    max_gap_us: int  # 0: no interval yet
+    intervals: int
+    spent_us: int
+    silences: int
+    silent_us: int
+    began: int  # whether a sample came within the boot
+    latest_us: int  # of them
+    standing: int  # samples with the time of the one before
+    # By receive time, for where the samples' own stands still.
+    rx_us: int
+    rx_intervals: int
+    rx_spent_us: int
+    last_lost: int
+
+
+_COUNT = np.dtype([(name, "i8") for name in _Counts._fields])
 
 
 @helper
 def _count(of: Any, t_us: Any) -> Any:
     """Count a sample by its time; return how far it lies behind all before it (below zero: it came late)."""
-    of.count += 1
+    of.came += 1
     step_us = t_us - of.latest_us if of.began else 0
     if step_us > 0:
         of.max_gap_us = max(of.max_gap_us, step_us)
@@ -52,7 +56,7 @@ def _count(of: Any, t_us: Any) -> Any:
             of.silences += 1
             of.silent_us += step_us
     of.latest_us = max(of.latest_us, t_us) if of.began else t_us
-    of.began = True
+    of.began = 1
     return step_us
 
 
@@ -60,8 +64,8 @@ def _count(of: Any, t_us: Any) -> Any:
 def _count_receipt(of: Any, step_us: Any, t_rx_us: Any) -> Any:
     """Count the interval before a sample by its receive time; `step_us`: by its own."""
     rx_step_us = t_rx_us - of.rx_us
-    of.standing += of.count > 1 and step_us == 0
-    if of.count > 1 and of.rx_us >= 0 and 0 < rx_step_us <= SILENCE_US:
+    of.standing += of.came > 1 and step_us == 0
+    if of.came > 1 and of.rx_us >= 0 and 0 < rx_step_us <= SILENCE_US:
         of.rx_intervals += 1
         of.rx_spent_us += rx_step_us
     of.rx_us = t_rx_us
@@ -71,7 +75,7 @@ def _count_receipt(of: Any, step_us: Any, t_rx_us: Any) -> Any:
 def _count_losses(of: Any, step_us: Any, period_us: Any, frames_lost: Any) -> Any:
     """Count missing samples: as many as the interval has room for, and no more than the sequence misses frames."""
     if not of.follows_losses:
-        of.follows_losses, of.last_lost = True, frames_lost
+        of.follows_losses, of.last_lost = 1, frames_lost
     missing = frames_lost - of.last_lost
     of.last_lost = frames_lost
     if missing > 0 and period_us > 0:
@@ -115,10 +119,11 @@ class StreamCount:
     def __init__(self) -> None:
         """Start before the first."""
         self._count = np.zeros(1, _COUNT)
+        self._numbers = self._count.view(np.int64)  # the same, quicker to read
 
     def start_boot(self) -> None:
         """Begin a new boot: no interval leads there from the one before."""
-        self._count["began"] = False
+        self._count["began"] = 0
 
     def add(self, t_us: Int64s) -> None:
         """Count samples by their times (n,)."""
@@ -142,25 +147,29 @@ class StreamCount:
         _count_stream(self._count, stream, message, t_us, t_rx_us, frames_lost, period_us, valid)
 
     @property
+    def _now(self) -> _Counts:
+        return _Counts._make(self._numbers.tolist())
+
+    @property
     def count(self) -> int:
         """How many came."""
-        return int(self._count["count"][0])
+        return self._now.came
 
     @property
     def invalid(self) -> int:
         """How many of them hold no attitude."""
-        return int(self._count["invalid"][0])
+        return self._now.invalid
 
     @property
     def latest_rx_us(self) -> int:
         """When the last one was received, −1: not known."""
-        of = self._count[0]
-        return int(of["rx_us"] if of["follows_losses"] else of["latest_us"])  # all others are followed on receive time
+        of = self._now
+        return of.rx_us if of.follows_losses else of.latest_us  # all others are followed on receive time
 
     @property
     def stands(self) -> bool:
         """Whether most samples carry the time of the one before: there is no clock to tell them apart by."""
-        return 2 * int(self._count["standing"][0]) > self.count
+        return _stands(self._now)
 
     @property
     def rate_hz(self) -> float | None:
@@ -170,26 +179,25 @@ class StreamCount:
         """
         return _rate_hz(self._now)
 
-    @property
-    def _now(self) -> dict[str, Any]:
-        """All counters at once: one by one they cost more than what they are for."""
-        names = self._count.dtype.names or ()
-        return dict(zip(names, self._count[0].item(), strict=True))
-
     def entry(self) -> Stream:
         """The stream's entry in the report."""
         of = self._now
         return Stream(
-            count=of["count"],
+            count=of.came,
             rate_hz=_rate_hz(of),
-            max_gap_s=of["max_gap_us"] / US_PER_S if of["max_gap_us"] else None,
-            lost=of["lost"] if of["follows_losses"] else None,
-            invalid=of["invalid"],
+            max_gap_s=of.max_gap_us / US_PER_S if of.max_gap_us else None,
+            lost=of.lost if of.follows_losses else None,
+            invalid=of.invalid,
         )
 
 
-def _rate_hz(of: dict[str, Any]) -> float | None:
-    if 2 * of["standing"] > of["count"]:
-        return of["rx_intervals"] / of["rx_spent_us"] * US_PER_S if of["rx_intervals"] else None
-    name, spent = ("intervals", "spent_us") if of["intervals"] else ("silences", "silent_us")
-    return of[name] / of[spent] * US_PER_S if of[name] else None
+def _stands(of: _Counts) -> bool:
+    return 2 * of.standing > of.came
+
+
+def _rate_hz(of: _Counts) -> float | None:
+    if _stands(of):
+        return of.rx_intervals / of.rx_spent_us * US_PER_S if of.rx_intervals else None
+    if of.intervals:
+        return of.intervals / of.spent_us * US_PER_S
+    return of.silences / of.silent_us * US_PER_S if of.silences else None

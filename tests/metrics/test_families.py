@@ -11,6 +11,7 @@ from gcs_bridge.events import AlarmRaised, Event, vehicle_of
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.metrics.families import FAMILIES, SnapshotCollector
 from gcs_bridge.metrics.published import Published, Raised
+from gcs_bridge.metrics.text import Writer
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from tests.helpers import wire
@@ -30,8 +31,7 @@ class Run:
     def __init__(self, *links: str, most: int = 64) -> None:
         self.monitor = Monitor()
         self._collector = SnapshotCollector(links or (LINK,))
-        self._registry = CollectorRegistry()
-        self._registry.register(self._collector)
+        self._writer = Writer(generate_latest)
         self._most = most
         self._raises: dict[Raised, int] = {}
         for number in range(len(links) or 1):
@@ -52,8 +52,8 @@ class Run:
 
     def text(self) -> str:
         snapshot = self.monitor.snapshot(most_vehicles=self._most)
-        self._collector.published = Published(snapshot, dict(self._raises))
-        return generate_latest(self._registry).decode()
+        published = Published(snapshot, dict(self._raises))
+        return self._writer.text(self._collector.collect(published), CollectorRegistry()).decode()
 
     def scrape(self) -> Scraped:
         return Scraped(self.text())
