@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -262,6 +263,7 @@ def warm_up(settings: Settings, dialect: str) -> None:
     from gcs_bridge.judging.monitor import Monitor
 
     prepare("gcs_bridge")
+    import_module("gcs_bridge.diagnosis")  # the doctor, who is asked in the midst of a flight
     with resources.demo_recording().open("rb") as recording:
         Monitor(settings=settings, dialect=dialect).feed_recording(recording.read(_WARM_UP_BYTES))
 

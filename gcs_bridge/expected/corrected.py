@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Self
+
 import numpy as np
 import numpy.typing as npt
 
@@ -34,6 +37,27 @@ class Corrected(FrameColumns):
     corrections: tuple[Correction, ...]
     changes: Int64s | None = None
     found_at: tuple[int, ...] = ()
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """All of `parts`, one or more, one behind the other; how often what was undone changed is left out."""
+        corrections = dict.fromkeys(one for part in parts for one in part.corrections)
+        place = {one: index for index, one in enumerate(corrections)}
+        return cls(
+            frame_index=np.concatenate([part.frame_index for part in parts]),
+            q_nb=np.concatenate([part.q_nb for part in parts]),
+            causes=np.concatenate([part.causes for part in parts]),
+            open=np.concatenate([part.open for part in parts]),
+            applied=np.concatenate([part._applied_as(place) for part in parts]),
+            corrections=tuple(corrections),
+            found_at=tuple(at for part in parts for at in part.found_at),
+        )
+
+    def _applied_as(self, place: Mapping[Correction, int]) -> Int64s:
+        """Which correction was applied to each sample, by other places than here."""
+        if not self.undoes:
+            return self.applied
+        return np.array([place[one] for one in self.corrections])[self.applied]
 
     def undo(self, rpy_rad: Floats, rows: Int64s) -> Floats:
         """What was undone at `rows` (n,) of the batch, undone in other angles (n, 3): q_nb (n, 4)."""

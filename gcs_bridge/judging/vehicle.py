@@ -19,7 +19,6 @@ from gcs_bridge.columns import Int64s
 from gcs_bridge.events import Notice, in_order
 from gcs_bridge.expected import Expected
 from gcs_bridge.judging.boot import Boot, timeline_of
-from gcs_bridge.judging.diagnosis_cases import SentBatch
 from gcs_bridge.judging.doctor import Doctor
 from gcs_bridge.judging.in_force import InForce
 from gcs_bridge.judging.notices import (
@@ -31,6 +30,7 @@ from gcs_bridge.judging.notices import (
     stream_changes,
 )
 from gcs_bridge.judging.observation import Observation, Observer
+from gcs_bridge.judging.sent import SentBatch, SentPairs
 from gcs_bridge.judging.snapshot import AlarmNow, CheckNow, VehicleNow, alarm_now, attitude_now
 from gcs_bridge.judging.start_up import StartUpChange
 from gcs_bridge.judging.untimed import Untimed
@@ -301,16 +301,11 @@ class VehicleJudge:
             self._rate_senders(segment)
         found = self._euler_quaternion.found
         assert found is not None
-        boot.diagnosis_cases.keep(
-            SentBatch(
-                euler=sent,
-                corrected=corrected,
-                quaternion=quaternion,
-                pairs=aligned.pairs,
-                disagreement=found,
-            ),
-            boot.last_us,
-        )
+        kept = None
+        if len(sent) or len(quaternion) or len(aligned.pairs):
+            pairs = SentPairs.of(aligned.pairs, found)
+            kept = SentBatch(euler=sent, corrected=corrected, quaternion=quaternion, pairs=pairs)
+        boot.diagnosis_cases.keep(kept, aligned.pairs, boot.last_us)
         told_of = [*self.alarm_manager.tell(link, lambda moment: self._doctor.ask(boot, moment, link))]
         told_of += self._doctor.ask_again(boot, link)
         yield from told_of
