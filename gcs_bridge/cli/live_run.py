@@ -190,6 +190,7 @@ class LiveRun:
                 duration_s=task.duration_s,
                 note=_note,
                 errands=errands,
+                patient=not station,  # what is passed on, or answered, waits for nothing
             )
             notifier.stopping()
         report = _named(monitor.close(), names)

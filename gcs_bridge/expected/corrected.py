@@ -73,8 +73,17 @@ class Corrected(FrameColumns):
         """Whether anything was undone."""
         return len(self.corrections) > 1
 
+    @property
+    def open_in_all(self) -> int | None:
+        """The bits of `open` where all samples have the same; None where they differ, or there is none."""
+        bits = self.open.tobytes()
+        return bits[0] if bits and bits.count(bits[0]) == len(bits) else None
+
     def may_be_trim_from(self, before: float) -> tuple[Int64s, Floats]:
         """Frames (k,) from which on AHRS_TRIM may still be found in what differs, 1, or may not, 0, unlike before."""
+        bits = self.open_in_all
+        if bits is not None and bool(bits & UNSURE) == before:
+            return _NEVER, _NO_VALUES
         may_be = ((self.open & UNSURE) != 0).astype(np.float64)
         changes = np.flatnonzero(np.diff(may_be, prepend=before))
         return self.frame_index[changes], may_be[changes]
@@ -93,3 +102,6 @@ class Corrected(FrameColumns):
     def trim_b_rad(self) -> Floats:
         """AHRS_TRIM as it was undone in each of the samples: the turn (n, 3) from the body's axes to the IMU's."""
         return np.array([(one.trim_x_rad, one.trim_y_rad, 0.0) for one in self.corrections])[self.applied]
+
+
+_NEVER, _NO_VALUES = np.empty(0, np.int64), np.empty(0)

@@ -132,6 +132,11 @@ class Link:
         clock = self._sorter.pass_time(t_rx_us)
         return [] if clock is None else events_of(self._pass_time(clock))
 
+    @property
+    def calm_s(self) -> float:
+        """As `Monitor.calm_s`, of the vehicles that are here and judged."""
+        return min((calm_s for one in self._vehicles.values() if (calm_s := one.calm_s) is not None), default=0.0)
+
     def set_clock(self, t_rx_us: int) -> None:
         """The clock of receive times was set to `t_rx_us`."""
         self._sorter.set_clock(t_rx_us)

@@ -108,6 +108,14 @@ class LinkVehicle:
         """Its alarms, if it is judged."""
         return None if self._judge is None else self._judge.alarm_manager
 
+    @property
+    def calm_s(self) -> float | None:
+        """As `Monitor.calm_s`; None: it is no vehicle, was lost, or is not judged, and has no part in that."""
+        no_vehicle = self.reader.is_decided and not self.reader.is_vehicle
+        if self._judge is None or no_vehicle or self._presence.is_lost:
+            return None
+        return self._judge.calm_s if self._seen else 0.0
+
     def take(self, batch: SortedFrames, share: Share, said: Sequence[OfOthers] = ()) -> list[Notice]:
         """Judge its share of a batch, and what others said to it meanwhile."""
         if self._first_frame_index is None:

@@ -162,6 +162,14 @@ class Monitor:
         quiet = self._links.values() if link is None else filter(None, [self._links.get(link)])
         return [event for one in quiet for event in one.advance(t_rx_us)]
 
+    def calm_s(self) -> float:
+        """In how many seconds of the vehicles' time an alarm may be raised, or go, at the earliest.
+
+        0 while one is pending or about to go, and before there is any vehicle. It is of alarms that wait for a delay:
+        what one message tells by itself, a reboot or a reset of the estimator, comes whenever it comes.
+        """
+        return min((link.calm_s for link in self._links.values()), default=0.0)
+
     def set_clock(self, t_rx_us: int) -> None:
         """The clock that tells receive times was set, forward or back: it is `t_rx_us`, and no time has passed by that.
 

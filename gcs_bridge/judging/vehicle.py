@@ -48,6 +48,7 @@ from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 from gcs_bridge.telemetry.stream_counts import StreamCount
 
 _MOST_RESETS = 100  # that the report lists
+_MANY = 64  # rows, from which on numpy is faster than Python
 
 
 class VehicleJudge:
@@ -110,6 +111,14 @@ class VehicleJudge:
         if self.alarm_manager.due_us < NEVER_US:
             return 0  # shelving ends by receive time: rare, and asked for with each batch
         return NEVER_US if self._boot is None else self._boot.liveness.due_us
+
+    @property
+    def calm_s(self) -> float:
+        """As `Monitor.calm_s`; 0 as well while no attitude comes, or none that is ready."""
+        boot = self._boot
+        if boot is None or boot.is_starting or not any(boot.alive):
+            return 0.0
+        return self.alarm_manager.calm_s
 
     def advance(self, link: LinkClock) -> Iterator[Notice]:
         """Time passed on the link and nothing of this vehicle came."""
@@ -188,7 +197,10 @@ class VehicleJudge:
         )
 
     def _stream(self, name: str) -> StreamCount:
-        return self._streams.setdefault(name, StreamCount())
+        count = self._streams.get(name)
+        if count is None:
+            count = self._streams[name] = StreamCount()
+        return count
 
     def hear(self, said: Sequence[OfOthers]) -> Iterator[Notice]:
         """What others said, in a batch that brought nothing of this vehicle."""
@@ -380,7 +392,7 @@ class VehicleJudge:
 
 def _boots_in(boot: Int64s) -> set[int]:
     """The different boots (n,); np.unique would load a part of numpy that takes as long as judging some seconds."""
-    if not len(boot):
-        return set()
+    if len(boot) < _MANY:
+        return set(boot.tolist())
     first, last = int(boot.min()), int(boot.max())
     return {first} if first == last else set(boot.tolist())

@@ -94,13 +94,17 @@ class StepSignal:
     def at(self, frame_indices: Int64s) -> Floats:
         """The values (n,) that held when the frames `frame_indices` (n,) came; one for all, where there is no other."""
         if len(self._values) == 1:
-            return np.broadcast_to(self._values, len(frame_indices))
+            return np.full(len(frame_indices), self._values[0])
         return np.asarray(self._values[np.searchsorted(self._frame_indices, frame_indices, side="right") - 1])
 
     @property
     def latest(self) -> float:
         """The value that holds from the last frame on."""
         return float(self._values[-1])
+
+    def is_always(self, value: float) -> bool:
+        """Whether it is this value at all frames that may be asked about."""
+        return len(self._values) == 1 and self._values[0] == value
 
     @property
     def steps(self) -> tuple[Int64s, Floats]:
