@@ -160,7 +160,7 @@ class AlarmManager:
                 if slot.state in MOVING:
                     self.calm_s = 0.0
                 if not slot.is_suppressed:
-                    slot.record.show(slot.worst)
+                    slot.show_worst()
 
     def _tell(self, slot: AlarmSlot, change: Change, at: _At, ask: Ask) -> Iterator[Notice]:
         """One alarm changed: what that is called, and what follows from it."""

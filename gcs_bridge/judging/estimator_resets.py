@@ -55,6 +55,8 @@ class Resets:
 
     def take(self, steps: tuple[Steps, Steps]) -> list[Reset]:
         """Follow the next steps; return the resets that they complete."""
+        if not (len(steps[0]) or len(steps[1])):
+            return []
         events: list[tuple[int, int, int]] = []  # frame_index, stream, row: of steps at which something may happen
         for k in (0, 1):
             if not (self._last_denied[k] or self._open[k] is not None or any_true(steps[k].contradicts_rates)):

@@ -102,6 +102,11 @@ class StepSignal:
         """The value that holds from the last frame on."""
         return float(self._values[-1])
 
+    @property
+    def has_steps(self) -> bool:
+        """Whether it has more than one value at the frames that may be asked about."""
+        return len(self._values) > 1
+
     def is_always(self, value: float) -> bool:
         """Whether it is this value at all frames that may be asked about."""
         return len(self._values) == 1 and self._values[0] == value
@@ -113,7 +118,7 @@ class StepSignal:
 
     def forget(self, frame_index: int) -> None:
         """Nothing will be asked about frames before this one."""
-        if len(self._values) == 1:
+        if not self.has_steps:
             return
         passed = int(np.searchsorted(self._frame_indices, frame_index, side="right")) - 1
         self._frame_indices, self._values = self._frame_indices[passed:], self._values[passed:]
