@@ -172,6 +172,7 @@ class LiveRun:
             on_frames=sinks.on_frames,
             signing_key=task.signing_key,
             unsigned=task.unsigned,
+            doctor_waits=True,
         )
         for server in metrics:
             server.follow(monitor)

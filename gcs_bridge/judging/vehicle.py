@@ -48,14 +48,15 @@ from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 from gcs_bridge.telemetry.stream_counts import StreamCount
 
 _MOST_RESETS = 100  # that the report lists
-_MANY = 64  # rows, from which on numpy is faster than Python
 
 
 class VehicleJudge:
     """Judges one vehicle, batch by batch."""
 
-    def __init__(self, vehicle: VehicleId, settings: Settings, observer: Observer | None = None) -> None:
-        """Start with nothing judged; `observer` is shown what is judged."""
+    def __init__(
+        self, vehicle: VehicleId, settings: Settings, observer: Observer | None = None, *, doctor_waits: bool = False
+    ) -> None:
+        """Start with nothing judged; `observer` is shown what is judged. `doctor_waits`: for `answer`."""
         self.vehicle = vehicle
         self._observer = observer
         self._settings = settings
@@ -69,7 +70,8 @@ class VehicleJudge:
         self.alarm_manager = AlarmManager(
             vehicle, (spec for check in self._checks for spec in check.alarm_specs), settings.alarm
         )
-        self._doctor = Doctor(self.alarm_manager)
+        self.doctor = Doctor(self.alarm_manager, waits=doctor_waits)
+        self._answered: list[Notice] = []  # between two batches, and not shown to the observer yet
         self._expected = Expected()
         self._in_force = InForce(settings)
         self._streams: dict[str, StreamCount] = {}
@@ -92,9 +94,8 @@ class VehicleJudge:
         yield from self._hear_others(batch, said)
         self._untimed.bring(batch)
         boots = {segment.boot: segment for segment in batch.segments}
-        more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
         starts = {change.boot: change for change in batch.clock_changes if change.t_boot_us < 0}
-        indices = sorted((boots.keys() | starts.keys()).union(*map(_boots_in, more)))
+        indices = sorted(batch.boots | starts.keys())
         for index in indices:
             is_last = index == indices[-1]
             yield from self._take_boot(index, boots.get(index), batch, link, starts.get(index), is_last=is_last)
@@ -119,6 +120,12 @@ class VehicleJudge:
         if boot is None or boot.is_starting or not any(boot.alive):
             return 0.0
         return self.alarm_manager.calm_s
+
+    def answer(self) -> Iterator[Notice]:
+        """Have the doctor answer one question."""
+        for notice in self.doctor.answer():
+            self._answered.append(notice)
+            yield notice
 
     def advance(self, link: LinkClock) -> Iterator[Notice]:
         """Time passed on the link and nothing of this vehicle came."""
@@ -237,6 +244,7 @@ class VehicleJudge:
                 frame_index, _, t_rx_us = first
                 yield from self._pass_silence(boot, link, frame_index)
                 yield from self._hear_more(link, frame_index)
+                yield from self.doctor.answer_all()
                 yield from self.alarm_manager.end_boot(frame_index, boot.last_us, t_rx_us)
             boot = self._start_boot(index, first)
         if segment is None:
@@ -318,9 +326,10 @@ class VehicleJudge:
             pairs = SentPairs.of(aligned.pairs, found)
             kept = SentBatch(euler=sent, corrected=corrected, quaternion=quaternion, pairs=pairs)
         boot.diagnosis_cases.keep(kept, aligned.pairs, boot.last_us)
-        told_of = [*self.alarm_manager.tell(link, lambda moment: self._doctor.ask(boot, moment, link))]
-        told_of += self._doctor.ask_again(boot, link)
+        told_of = [*self.alarm_manager.tell(link, lambda moment: self.doctor.ask(boot, moment, link))]
+        told_of += self.doctor.ask_again(boot, link)
         yield from told_of
+        answered, self._answered = self._answered, []
         if self._observer is not None:
             self._observer(
                 Observation(
@@ -331,7 +340,7 @@ class VehicleJudge:
                     disagreement=found,
                     flight=flight,
                     corrected=corrected,
-                    notices=tuple(in_order(told_of)),
+                    notices=tuple(in_order([*answered, *told_of])),
                     taken_back=tuple(self.alarm_manager.taken_back),
                     judged={check.name: check.judged for check in self._checks},
                 )
@@ -388,11 +397,3 @@ class VehicleJudge:
                     period_us,
                     samples.valid,
                 )
-
-
-def _boots_in(boot: Int64s) -> set[int]:
-    """The different boots (n,); np.unique would load a part of numpy that takes as long as judging some seconds."""
-    if len(boot) < _MANY:
-        return set(boot.tolist())
-    first, last = int(boot.min()), int(boot.max())
-    return {first} if first == last else set(boot.tolist())

@@ -112,7 +112,7 @@ def listen(
         judged_s = calm_s = 0.0
         while not stop() and (asked_s := time.monotonic()) < ends_s:
             beside = [descriptor for errand in errands for descriptor in errand.descriptors()]
-            _wait(links, min(_TICK_S, ends_s - asked_s), beside)
+            _wait(links, 0.0 if monitor.is_asked else min(_TICK_S, ends_s - asked_s), beside)
             came_s, gather_s = time.monotonic(), _GATHER_S
             if came_s - asked_s < _AT_ONCE_S:  # it came while the last batch was judged, and has waited since
                 came_s, gather_s = taken_s, min(max(_GATHER_S, 2 * judged_s), _LONGEST_S)
@@ -124,7 +124,11 @@ def listen(
                 note(_clock_was_set(step_us / 1e6))
             counts = [one.take() for one in listened]
             judged_s = time.monotonic() - taken_s
-            may_wait = patient and sum(counts) <= _FEW and all(link.tells_arrival for link in links)
+            if monitor.is_asked:  # one question a round: what comes meanwhile waits for one answer, and not for all
+                tell(monitor.answer())
+            may_wait = (
+                patient and not monitor.is_asked and sum(counts) <= _FEW and all(link.tells_arrival for link in links)
+            )
             calm_s = min(_CALM_S, monitor.calm_s() / _CALM_SHARE) if may_wait else 0.0
             for errand in errands:
                 errand.run()
@@ -134,6 +138,8 @@ def listen(
                     one.look()
                     if not count:  # there may be more to come that waited while this process was held up
                         one.advance()
+        while monitor.is_asked:
+            tell(monitor.answer())
     finally:
         for link in links:
             link.close()

@@ -248,6 +248,8 @@ class Taken:
     def advance(self, _t_rx_us: int, _link: int) -> list[Any]:
         return []
 
+    is_asked = False
+
     def calm_s(self) -> float:
         return self._calm_s
 
