@@ -41,10 +41,13 @@ def record(cls: type[T]) -> type[T]:
             if given.keys() != names:
                 wrong = ", ".join(sorted(given.keys() ^ names))
                 raise TypeError(f"{type(self).__qualname__} takes its fields, each of them: not so {wrong}")
-        self.__dict__.update(given)
+        _put(self, "__dict__", given)  # as it is, and no copy: it is nobody else's
 
     made.__init__, made.__repr__, made.__setattr__, made.__delattr__ = fill, _shown, _refused, _refused
     return cls
+
+
+_put = object.__setattr__  # past what refuses it
 
 
 def _shown(one: Any) -> str:
@@ -75,9 +78,8 @@ class Columns:
         """Some of the rows."""
         # Past __init__, which would take longer than all the rest for a batch of one row.
         part = object.__new__(type(self))
-        part.__dict__.update(
-            {name: of[rows] if isinstance(of, np.ndarray) else of for name, of in self.__dict__.items()}
-        )
+        fields = {name: of[rows] if isinstance(of, np.ndarray) else of for name, of in self.__dict__.items()}
+        _put(part, "__dict__", fields)
         return part
 
     def first(self, n: int) -> Self:
@@ -86,7 +88,7 @@ class Columns:
 
     def where(self, mask: Mask) -> Self:
         """The rows (n,) that are true: the record itself where all are."""
-        return self if mask.all() else self[mask]
+        return self if all_true(mask) else self[mask]
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -114,6 +116,9 @@ class FrameColumns(Columns):
 
     frame_index: Int64s
 
+    def __len__(self) -> int:
+        return len(self.frame_index)
+
     def frames(self, first: int, end: int) -> Self:
         """The rows of the frames from `first` up to, and without, `end`."""
         start, stop = np.searchsorted(self.frame_index, (first, end)).tolist()
@@ -124,6 +129,16 @@ class FrameColumns(Columns):
         """All of `parts`, one or more, in order of arrival; of one frame, in the order of the parts."""
         whole = cls.joined(parts)
         return whole if len(parts) == 1 else whole[np.argsort(whole.frame_index, kind="stable")]
+
+
+def any_true(mask: Mask) -> bool:
+    """As `mask.any()`, which takes ten times as long for some rows."""
+    return b"\1" in mask.tobytes()
+
+
+def all_true(mask: Mask) -> bool:
+    """As `mask.all()`, likewise."""
+    return b"\0" not in mask.tobytes()
 
 
 def running_max(numbers: Int64s, before: int) -> Int64s:

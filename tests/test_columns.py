@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs_bridge.columns import Columns, Floats, FrameColumns, Int64s, last_where, record
+from gcs_bridge.columns import Columns, Floats, FrameColumns, Int64s, all_true, any_true, last_where, record
 
 
 @record
@@ -66,3 +66,12 @@ def test_records_are_built_by_keyword() -> None:
 def test_the_last_place_at_which_something_was() -> None:
     """Up to each place; −1 where it never was."""
     assert last_where(np.array([False, True, False, False, True])).tolist() == [-1, 1, 1, 1, 4]
+
+
+@pytest.mark.parametrize("mask", [[], [True], [False], [False, True], [True, True], [False, False]])
+def test_masks_of_some_rows(mask: list[bool]) -> None:
+    """Whether any row is true, and whether all are: as Python says it."""
+    rows = np.array(mask, np.bool_)
+    assert (any_true(rows), all_true(rows)) == (any(mask), all(mask))
+    every_other = np.repeat(rows, 2)[::2]
+    assert (any_true(every_other), all_true(every_other)) == (any(mask), all(mask))

@@ -19,7 +19,7 @@ from gcs_bridge.alarms.rated import Worst
 from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.alarms.slot import AlarmSlot
 from gcs_bridge.alarms.spec import AlarmSpec
-from gcs_bridge.alarms.state import PENDING, STANDING, AnnouncementSignal, Change, Signal, State
+from gcs_bridge.alarms.state import MOVING, PENDING, STANDING, AnnouncementSignal, Change, Signal, State
 from gcs_bridge.alarms.votes import Ballot, SlotNow
 from gcs_bridge.contract import Diagnosis
 from gcs_bridge.errors import UsageError
@@ -93,6 +93,16 @@ class AlarmManager:
         for slot in self._slots:
             self._of_check.setdefault(slot.spec.check, []).append(slot)
         self._places_of = {check: [slot.place for slot in slots] for check, slots in self._of_check.items()}
+        self._shortest_s = min(
+            (
+                delay
+                for spec in self.ballot.specs
+                for delay in (spec.delays.on_delay_s, spec.delays.off_delay_s)
+                if delay
+            ),
+            default=0.0,
+        )
+        self.calm_s = 0.0  # how long it takes at least until an alarm that has a delay is raised or goes
         self._shelf: dict[AlarmSlot, int] = {}  # what is shelved → receive time at which that ends, µs
         self.start_boot(0)
 
@@ -149,9 +159,13 @@ class AlarmManager:
                 latest = one.change
                 yield from self._tell(self._slots[one.alarm], latest, at, ask)
             yield from self._release(latest, at, ask)
+        self.calm_s = self._shortest_s
         for slot in self._slots:
-            if slot.record is not None and not slot.is_suppressed:
-                slot.record.show(slot.worst)
+            if slot.record is not None:
+                if slot.state in MOVING:
+                    self.calm_s = 0.0
+                if not slot.is_suppressed:
+                    slot.show_worst()
 
     def _tell(self, slot: AlarmSlot, change: Change, at: _At, ask: Ask) -> Iterator[Notice]:
         """One alarm changed: what that is called, and what follows from it."""
@@ -307,6 +321,8 @@ class AlarmManager:
 
     def _ends_of_shelving(self, link: LinkClock) -> dict[AlarmSlot, int]:
         """Alarms whose shelving runs out with these frames, and the frame that is behind its time."""
+        if not self._shelf:
+            return {}
         rows = {slot: int(np.searchsorted(link.latest_rx_us, until_us)) for slot, until_us in self._shelf.items()}
         return {slot: int(link.frame_index[row]) for slot, row in rows.items() if row < len(link.frame_index)}
 

@@ -36,12 +36,21 @@ class AlarmSlot:
         self.state = State.NORMAL  # as of what has been told: within a batch, the ballot is ahead of it
         self.record: AlarmRecord | None = None  # of the excursion that is pending or stands
         self.last: AlarmRecord | None = None  # the latest that was raised
+        self._shown: tuple[AlarmRecord | None, float] = None, 0.0  # the worst of which record
         self.numbered = 0  # raises so far that were alarms of their own
 
     @property
     def worst(self) -> Worst:
         """The peak of its excursion, by all samples that it was given."""
         return self._ballot.worst(self.place)
+
+    def show_worst(self) -> None:
+        """Have its record show that, where it has become larger."""
+        record, value = self._shown
+        now = self._ballot.worst_value(self.place)
+        if self.record is not None and (self.record is not record or now != value):
+            self._shown = self.record, now
+            self.record.show(self.worst)
 
     def acknowledge(self) -> None:
         """Somebody has seen it."""

@@ -124,6 +124,7 @@ STANDING = frozenset({State.RAISED, State.ACKNOWLEDGED, State.CLEARING, State.CL
 SUPPRESSED = frozenset({Announcement.SUPPRESSED, Announcement.SHELVED_SUPPRESSED})
 SHELVED = frozenset({Announcement.SHELVED, Announcement.SHELVED_SUPPRESSED})
 CLEARING = frozenset({State.CLEARING, State.CLEARING_ACKNOWLEDGED})
+MOVING = PENDING | CLEARING
 QUIET = frozenset(State) - PENDING - STANDING
 
 

@@ -285,16 +285,13 @@ class Ballot:
             change=np.empty(16, CHANGE),
             changes=np.zeros(1, np.int64),
         )
-        for alarm, spec in zip(self._votes.alarm, self.specs, strict=True):
-            delays = spec.delays
-            alarm["bad_samples"], alarm["counted_samples"] = delays.bad_samples, delays.counted_samples
-            alarm["window_us"], alarm["clear_below"] = round(delays.window_s * 1e6), delays.clear_below
-            alarm["on_delay_us"], alarm["off_delay_us"] = (
-                round(delays.on_delay_s * 1e6),
-                round(delays.off_delay_s * 1e6),
-            )
-            alarm["recurring_window_us"] = round(spec.recurring_window_s * 1e6)
-            alarm["short_row"] = recurring.index(spec) if spec.recurring_window_s else -1
+        alarm = self._votes.alarm
+        for name in ("bad_samples", "counted_samples", "clear_below"):
+            alarm[name] = [getattr(spec.delays, name) for spec in self.specs]
+        for name in ("window", "on_delay", "off_delay"):
+            alarm[f"{name}_us"] = [round(getattr(spec.delays, f"{name}_s") * 1e6) for spec in self.specs]
+        alarm["recurring_window_us"] = [round(spec.recurring_window_s * 1e6) for spec in self.specs]
+        alarm["short_row"] = [recurring.index(spec) if spec.recurring_window_s else -1 for spec in self.specs]
         self._shown = [self._votes.alarm[name] for name in ("state", "samples", "t_us", "value", "limit")]
         self._fresh = self._votes.alarm.copy()
         self._fresh["worst"], self._fresh["onset_us"] = -1.0, -1
@@ -306,6 +303,7 @@ class Ballot:
         self._votes.recent[...] = 0.0
         self._votes.recent[..., _IS_LOW] = 1.0
         self._signals: dict[int, list[tuple[int, int]]] = {}
+        self._signals_wait = False
 
     def place_of(self, spec: AlarmSpec) -> int:
         """Where the alarm is; LookupError for one that is none of the vehicle's: it would never raise anything."""
@@ -320,6 +318,11 @@ class Ballot:
         if not more:
             return
         self._signals[place] = sorted([*self._signals.get(place, ()), *more], key=lambda one: one[0])
+        self._signals_wait = True
+
+    def _give_signals(self) -> None:
+        """Put them where kernels look for them."""
+        self._signals_wait = False
         rows: list[tuple[int, int]] = []
         for a, some in self._signals.items():
             self._votes.alarm["signal"][a], self._votes.alarm["signals"][a] = len(rows), len(rows) + len(some)
@@ -328,6 +331,8 @@ class Ballot:
 
     def votes(self, samples: int) -> Votes:
         """What a kernel is given, with room for what `samples` votes may change."""
+        if self._signals_wait:
+            self._give_signals()
         needed = int(self._votes.changes[0]) + 2 * samples + len(self._votes.signal)
         if needed > len(self._votes.change):
             change = np.empty(2 * needed, CHANGE)
@@ -377,6 +382,10 @@ class Ballot:
         alarm = self._votes.alarm
         alarm["state"][place] = NEXT[alarm["state"][place], _SIGNALS.index(signal)]
         return self.state(place)
+
+    def worst_value(self, place: int) -> float:
+        """How large that of `worst` is."""
+        return float(self._votes.alarm["worst"][place])
 
     def worst(self, place: int) -> Worst:
         """The peak of the alarm's present, or last, excursion."""

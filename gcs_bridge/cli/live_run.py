@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -171,6 +172,7 @@ class LiveRun:
             on_frames=sinks.on_frames,
             signing_key=task.signing_key,
             unsigned=task.unsigned,
+            doctor_waits=True,
         )
         for server in metrics:
             server.follow(monitor)
@@ -189,6 +191,7 @@ class LiveRun:
                 duration_s=task.duration_s,
                 note=_note,
                 errands=errands,
+                patient=not station,  # what is passed on, or answered, waits for nothing
             )
             notifier.stopping()
         report = _named(monitor.close(), names)
@@ -262,6 +265,7 @@ def warm_up(settings: Settings, dialect: str) -> None:
     from gcs_bridge.judging.monitor import Monitor
 
     prepare("gcs_bridge")
+    import_module("gcs_bridge.diagnosis")  # the doctor, who is asked in the midst of a flight
     with resources.demo_recording().open("rb") as recording:
         Monitor(settings=settings, dialect=dialect).feed_recording(recording.read(_WARM_UP_BYTES))
 

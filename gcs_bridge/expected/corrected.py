@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Self
+
 import numpy as np
 import numpy.typing as npt
 
@@ -35,6 +38,27 @@ class Corrected(FrameColumns):
     changes: Int64s | None = None
     found_at: tuple[int, ...] = ()
 
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """All of `parts`, one or more, one behind the other; how often what was undone changed is left out."""
+        corrections = dict.fromkeys(one for part in parts for one in part.corrections)
+        place = {one: index for index, one in enumerate(corrections)}
+        return cls(
+            frame_index=np.concatenate([part.frame_index for part in parts]),
+            q_nb=np.concatenate([part.q_nb for part in parts]),
+            causes=np.concatenate([part.causes for part in parts]),
+            open=np.concatenate([part.open for part in parts]),
+            applied=np.concatenate([part._applied_as(place) for part in parts]),
+            corrections=tuple(corrections),
+            found_at=tuple(at for part in parts for at in part.found_at),
+        )
+
+    def _applied_as(self, place: Mapping[Correction, int]) -> Int64s:
+        """Which correction was applied to each sample, by other places than here."""
+        if not self.undoes:
+            return self.applied
+        return np.array([place[one] for one in self.corrections])[self.applied]
+
     def undo(self, rpy_rad: Floats, rows: Int64s) -> Floats:
         """What was undone at `rows` (n,) of the batch, undone in other angles (n, 3): q_nb (n, 4)."""
         q_nb = NOTHING.undo(rpy_rad)
@@ -49,8 +73,17 @@ class Corrected(FrameColumns):
         """Whether anything was undone."""
         return len(self.corrections) > 1
 
+    @property
+    def open_in_all(self) -> int | None:
+        """The bits of `open` where all samples have the same; None where they differ, or there is none."""
+        bits = self.open.tobytes()
+        return bits[0] if bits and bits.count(bits[0]) == len(bits) else None
+
     def may_be_trim_from(self, before: float) -> tuple[Int64s, Floats]:
         """Frames (k,) from which on AHRS_TRIM may still be found in what differs, 1, or may not, 0, unlike before."""
+        bits = self.open_in_all
+        if bits is not None and bool(bits & UNSURE) == before:
+            return _NEVER, _NO_VALUES
         may_be = ((self.open & UNSURE) != 0).astype(np.float64)
         changes = np.flatnonzero(np.diff(may_be, prepend=before))
         return self.frame_index[changes], may_be[changes]
@@ -69,3 +102,6 @@ class Corrected(FrameColumns):
     def trim_b_rad(self) -> Floats:
         """AHRS_TRIM as it was undone in each of the samples: the turn (n, 3) from the body's axes to the IMU's."""
         return np.array([(one.trim_x_rad, one.trim_y_rad, 0.0) for one in self.corrections])[self.applied]
+
+
+_NEVER, _NO_VALUES = np.empty(0, np.int64), np.empty(0)

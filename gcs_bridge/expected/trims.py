@@ -11,6 +11,7 @@ import numpy as np
 
 from gcs_bridge.columns import Floats, Int64s
 from gcs_bridge.expected.corrected import Corrected
+from gcs_bridge.expected.correction import TRIM_FITTED
 from gcs_bridge.expected.knowledge import is_possible
 from gcs_bridge.telemetry.statements import ParameterSet, Statement, StepSignal
 
@@ -60,6 +61,9 @@ class TrimsInForce:
         """It is open no more while it is fitted."""
         if len(self._names) == len(_NAMES) or not len(corrected):
             return
+        bits = corrected.open_in_all
+        if bits is not None and bool(bits & TRIM_FITTED) == self._fitted:
+            return
         fitted = corrected.trim_fitted
         changes = np.flatnonzero(np.diff(fitted, prepend=self._fitted))
         self._fitted = bool(fitted[-1])
@@ -69,7 +73,8 @@ class TrimsInForce:
         """The turn (n, 3), rad, from the body's axes to the sensor's, at the frames (n,)."""
         turn_b_rad = np.zeros((len(frame_indices), 3))
         for axis, trim in enumerate(self._in_force.values()):
-            turn_b_rad[:, axis] = trim.at(frame_indices)
+            if not trim.is_always(0.0):
+                turn_b_rad[:, axis] = trim.at(frame_indices)
         return turn_b_rad
 
     def forget(self, frame_index: int) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.checks.base import Check
+from gcs_bridge.columns import all_true, any_true
 from gcs_bridge.events import utc
 from gcs_bridge.judging.diagnosis_cases import DiagnosisCases
 from gcs_bridge.judging.estimator_resets import Resets
@@ -78,15 +79,17 @@ class Boot:
         own = {}
         for name, samples in batch.imu.items():
             mine = (samples.boot == self.index) & (samples.t_boot_us >= 0) & (samples.frame_index >= self.frame_index)
-            if mine.all():
+            if all_true(mine):
                 own[name] = samples
-            elif mine.any():
+            elif any_true(mine):
                 own[name] = samples[mine]
         return self.imu.take(own)
 
     def secondary(self, batch: VehicleBatch) -> Ahrs2Samples:
         """What came of the second estimate within the boot."""
         secondary = batch.secondary
+        if not len(secondary):
+            return secondary
         return secondary.where((secondary.boot == self.index) & (secondary.frame_index >= self.frame_index))
 
 

@@ -7,18 +7,16 @@ the one before. Each rests on the frames up to its own, however the input was cu
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from gcs_bridge.checks.euler_quaternion import Disagreement
-from gcs_bridge.columns import Floats, Int64s, Mask, record
+from gcs_bridge.columns import Floats, Int64s
 from gcs_bridge.contract import Diagnosis
-from gcs_bridge.expected import CAUSE_NAMES, Corrected
+from gcs_bridge.expected import CAUSE_NAMES
+from gcs_bridge.judging.sent import Sent, SentBatch
 from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples, no_attitudes
@@ -36,36 +34,6 @@ _CLEAN_PAIRS = 5
 _CLEAN_RAD = math.radians(0.003)
 _RESET_NEAR_US = 2_000_000
 _RESETS_KEPT_US = 120_000_000
-
-
-@record
-class SentBatch:
-    """What one batch brought of both streams within a boot.
-
-    The samples as sent, with what was expected of them; the pairs, and how far each is apart.
-    """
-
-    euler: AttitudeSamples
-    corrected: Corrected
-    quaternion: AttitudeSamples
-    pairs: Pairs
-    disagreement: Disagreement
-
-    @cached_property
-    def bad(self) -> Mask:
-        """Which pairs are above their limit."""
-        found = self.disagreement
-        return np.asarray(found.judged & (found.angle > found.limit))
-
-    @cached_property
-    def latest_us(self) -> int:
-        """The latest time of any sample in it."""
-        return max((int(of.t_boot_us.max()) for of in (self.euler, self.quaternion) if len(of)), default=-1)
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether it brought nothing of either stream."""
-        return not (len(self.euler) or len(self.quaternion) or len(self.pairs))
 
 
 class Answer(NamedTuple):
@@ -91,23 +59,22 @@ class DiagnosisCases:
     def __init__(self, settings: Settings) -> None:
         """Start with nothing sent."""
         self._settings = settings
-        self._kept: deque[SentBatch] = deque()
-        self._last: SentBatch | None = None
+        self._kept = Sent()
+        self._last: Pairs | None = None  # of the last batch
         self._cases: dict[str, _Case] = {}
         self._resets: list[tuple[int, int]] = []  # frame_index and boot time; the last few
 
-    def keep(self, sent: SentBatch, now_us: int) -> None:
-        """Remember a batch; forget what no disagreement needs any more at the boot time `now_us`, µs.
+    def keep(self, sent: SentBatch | None, pairs: Pairs, now_us: int) -> None:
+        """Remember a batch, and its pairs, None where it brought nothing of either stream.
 
-        Of one that stands nothing is asked once it has lasted so long that more data would tell no more.
+        What no disagreement needs any more at the boot time `now_us`, µs, is forgotten: of one that stands nothing is
+        asked once it has lasted so long that more data would tell no more.
         """
-        self._last = sent
-        if not sent.is_empty:
-            self._kept.append(sent)
-        asked = (case for case in self._cases.values() if max(case.again_us, now_us - _KEPT_US) <= case.until_us)
-        needed_us = min((case.onset_us - _CLEAN_US for case in asked), default=now_us)
-        while self._kept and self._kept[0].latest_us < min(now_us - _KEPT_US, needed_us):
-            self._kept.popleft()
+        self._last = pairs
+        if sent is not None and self._kept.keep(sent):
+            asked = (case for case in self._cases.values() if max(case.again_us, now_us - _KEPT_US) <= case.until_us)
+            needed_us = min((case.onset_us - _CLEAN_US for case in asked), default=now_us)
+            self._kept.forget(min(now_us - _KEPT_US, needed_us))
 
     def reset_at(self, frame_index: int, t_boot_us: int) -> None:
         """The estimator was reset, as the frame `frame_index` showed."""
@@ -131,7 +98,7 @@ class DiagnosisCases:
         case = self._cases.get(name)
         if case is None or self._last is None:
             return
-        pairs = self._last.pairs
+        pairs = self._last
         latest = np.maximum.accumulate(pairs.t_boot_us)
         while case.again_us <= case.until_us:
             row = int(np.searchsorted(latest, case.again_us))
@@ -156,12 +123,13 @@ class DiagnosisCases:
 
     def _window(self, case: _Case, frame_index: int, of: Question) -> dict[str, Any]:
         """What was sent from the onset on, as the doctor's window wants it."""
+        kept = self._kept.batches()
         until_us = case.onset_us + _LONGEST_US
         if of != "rates":  # these have a part in no pair
-            until_us = min(until_us, self._last_bad_us(case.onset_us, frame_index))
+            until_us = min(until_us, _last_bad_us(kept, case.onset_us, frame_index))
         euler, quaternion = [no_attitudes(ATTITUDE)], [no_attitudes(ATTITUDE_QUATERNION)]
         origin: list[tuple[int, Int64s]] = []  # of the Euler samples: the batch kept, and their rows in it
-        for index, sent in enumerate(self._kept):
+        for index, sent in enumerate(kept):
             for parts, samples in ((euler, sent.euler), (quaternion, sent.quaternion)):
                 inside = (
                     (samples.t_boot_us >= case.onset_us)
@@ -174,7 +142,6 @@ class DiagnosisCases:
                     origin.append((index, rows))
         batch = np.concatenate([np.full(len(rows), index) for index, rows in origin])
         row = np.concatenate([rows for _, rows in origin])
-        kept = list(self._kept)
         untold = [kept[index].corrected.untold[rows] for index, rows in origin]
         trims = int(np.bitwise_or.reduce(np.concatenate(untold))) if untold else 0
 
@@ -189,28 +156,28 @@ class DiagnosisCases:
             "euler": AttitudeSamples.joined(euler),
             "quaternion": AttitudeSamples.joined(quaternion),
             "attitude_of": attitude_of,
-            "clean_before": self._clean_before(case.onset_us),
+            "clean_before": _clean_before(kept, case.onset_us),
             "trims": tuple(name for bit, name in CAUSE_NAMES.items() if trims & bit),
             "reset": any(
                 known <= frame_index and abs(t_us - case.onset_us) < _RESET_NEAR_US for known, t_us in self._resets
             ),
         }
 
-    def _last_bad_us(self, onset_us: int, frame_index: int) -> int:
-        """When both last disagreed, as of a frame: what came behind is no part of the disagreement."""
-        bad = ((sent.pairs, sent.bad) for sent in self._kept)
-        bad_us = [
-            pairs.t_boot_us[is_bad & (pairs.frame_index <= frame_index) & (pairs.t_boot_us >= onset_us)]
-            for pairs, is_bad in bad
-        ]
-        return max((int(times.max()) for times in bad_us if len(times)), default=onset_us + _LONGEST_US)
 
-    def _clean_before(self, onset_us: int) -> bool:
-        """Whether both forms agreed to the noise floor for some time before."""
-        angles = []
-        for sent in self._kept:
-            t_us = sent.pairs.t_boot_us
-            before = sent.pairs.same_instant & (t_us < onset_us) & (t_us >= onset_us - _CLEAN_US)
-            angles.append(sent.disagreement.angle[before])
-        known = np.concatenate(angles) if angles else np.empty(0)
-        return len(known) >= _CLEAN_PAIRS and float(np.median(known)) < _CLEAN_RAD
+def _last_bad_us(kept: list[SentBatch], onset_us: int, frame_index: int) -> int:
+    """When both last disagreed, as of a frame: what came behind is no part of the disagreement."""
+    bad_us = [
+        pairs.t_boot_us[pairs.bad & (pairs.frame_index <= frame_index) & (pairs.t_boot_us >= onset_us)]
+        for pairs in (sent.pairs for sent in kept)
+    ]
+    return max((int(times.max()) for times in bad_us if len(times)), default=onset_us + _LONGEST_US)
+
+
+def _clean_before(kept: list[SentBatch], onset_us: int) -> bool:
+    """Whether both forms agreed to the noise floor for some time before."""
+    apart_rad = []
+    for pairs in (sent.pairs for sent in kept):
+        t_us = pairs.t_boot_us
+        apart_rad.append(pairs.apart_rad[pairs.same_instant & (t_us < onset_us) & (t_us >= onset_us - _CLEAN_US)])
+    known = np.concatenate(apart_rad) if apart_rad else np.empty(0)
+    return len(known) >= _CLEAN_PAIRS and float(np.median(known)) < _CLEAN_RAD

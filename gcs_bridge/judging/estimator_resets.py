@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gcs_bridge import attitude
+from gcs_bridge.columns import any_true
 from gcs_bridge.pairing.steps import Steps
 from gcs_bridge.telemetry.link_clock import LinkClock
 from gcs_bridge.telemetry.statements import FlagsSet, Statement, TextSaid
@@ -54,9 +55,11 @@ class Resets:
 
     def take(self, steps: tuple[Steps, Steps]) -> list[Reset]:
         """Follow the next steps; return the resets that they complete."""
+        if not (len(steps[0]) or len(steps[1])):
+            return []
         events: list[tuple[int, int, int]] = []  # frame_index, stream, row: of steps at which something may happen
         for k in (0, 1):
-            if not (self._last_denied[k] or self._open[k] is not None or steps[k].contradicts_rates.any()):
+            if not (self._last_denied[k] or self._open[k] is not None or any_true(steps[k].contradicts_rates)):
                 continue
             denied = steps[k].contradicts_rates
             near = denied.copy()

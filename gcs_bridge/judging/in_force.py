@@ -84,6 +84,8 @@ class InForce:
         """Take which trims show in the attitude."""
         self._trims.follow(corrected)
         self.may_be_trim.put(*corrected.may_be_trim_from(before=self.may_be_trim.latest))
+        if not corrected.found_at:
+            return
         found_at = np.array(corrected.found_at, np.int64)
         # The pair that completes a fit was itself judged without it.
         so_far = np.arange(len(found_at), dtype=np.float64)

@@ -132,6 +132,21 @@ class Link:
         clock = self._sorter.pass_time(t_rx_us)
         return [] if clock is None else events_of(self._pass_time(clock))
 
+    @property
+    def calm_s(self) -> float:
+        """As `Monitor.calm_s`, of the vehicles that are here and judged."""
+        return min((calm_s for one in self._vehicles.values() if (calm_s := one.calm_s) is not None), default=0.0)
+
+    @property
+    def asked(self) -> LinkVehicle | None:
+        """A vehicle about which a question to its doctor is open, if there is any."""
+        return next((vehicle for vehicle in self._vehicles.values() if vehicle.is_asked), None)
+
+    def answer(self) -> list[Event]:
+        """Have a doctor answer one question."""
+        vehicle = self.asked
+        return [] if vehicle is None else events_of(vehicle.answer())
+
     def set_clock(self, t_rx_us: int) -> None:
         """The clock of receive times was set to `t_rx_us`."""
         self._sorter.set_clock(t_rx_us)

@@ -41,7 +41,7 @@ _LONGEST_WAIT_S = 12  # behind a frame the longest deadline, see stream_liveness
 class Judged:
     """What is judged of every link, by what, and who looks on; `window_s`: between these times after the start.
 
-    With `signing` frames are verified.
+    With `signing` frames are verified. `doctor_waits`: who judges asks for each diagnosis, when there is time for it.
     """
 
     settings: Settings
@@ -50,6 +50,7 @@ class Judged:
     window_s: tuple[float | None, float | None]
     observer: Observer | None
     signing: Signing | None = None
+    doctor_waits: bool = False
 
 
 class LinkVehicle:
@@ -96,7 +97,9 @@ class LinkVehicle:
         """What judges it, by all that came so far; it is made where it waits for more."""
         if self._judge is None:
             observer = self._observed.append if self._observer else None
-            self._judge = judge = VehicleJudge(self.reader.vehicle, self._judged.settings, observer)
+            self._judge = judge = VehicleJudge(
+                self.reader.vehicle, self._judged.settings, observer, doctor_waits=self._judged.doctor_waits
+            )
             assert self._early is not None
             for hand in self._waiting:
                 self._early += hand(judge)
@@ -107,6 +110,23 @@ class LinkVehicle:
     def alarm_manager(self) -> AlarmManager | None:
         """Its alarms, if it is judged."""
         return None if self._judge is None else self._judge.alarm_manager
+
+    @property
+    def calm_s(self) -> float | None:
+        """As `Monitor.calm_s`; None: it is no vehicle, was lost, or is not judged, and has no part in that."""
+        no_vehicle = self.reader.is_decided and not self.reader.is_vehicle
+        if self._judge is None or no_vehicle or self._presence.is_lost:
+            return None
+        return self._judge.calm_s if self._seen else 0.0
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether a question to its doctor is open."""
+        return self._judge is not None and self._judge.doctor.is_asked
+
+    def answer(self) -> list[Notice]:
+        """Have its doctor answer one question."""
+        return self._release(self._told(list(self.judge.answer())))
 
     def take(self, batch: SortedFrames, share: Share, said: Sequence[OfOthers] = ()) -> list[Notice]:
         """Judge its share of a batch, and what others said to it meanwhile."""

@@ -71,6 +71,7 @@ class Monitor:
         census: bool = False,
         signing_key: bytes | SigningKey | None = None,
         unsigned: Unsigned | None = None,
+        doctor_waits: bool = False,
     ) -> None:
         """Take the settings of `profile`, or `settings`; judge `sysid` alone, or between two times after the start.
 
@@ -78,7 +79,7 @@ class Monitor:
         came, before they are judged: whoever sent them, unknown ids included. With `census`, who sends what is counted.
         With `signing_key`, of 32 bytes, their signatures are verified, and `unsigned` says what is done with those that
         do not hold: see `mavlink.signing`. Raises UsageError for an unknown profile or dialect, and a key of another
-        length.
+        length. With `doctor_waits` an alarm's diagnosis comes by `answer`, and not with the alarm.
         """
         self._judged = Judged(
             settings=settings or load_settings(profile),
@@ -87,6 +88,7 @@ class Monitor:
             window_s=(from_s, to_s),
             observer=observer,
             signing=Signing.of(signing_key, unsigned),
+            doctor_waits=doctor_waits,
         )
         self._on_frames = on_frames
         self._takes_census = census
@@ -162,6 +164,23 @@ class Monitor:
         quiet = self._links.values() if link is None else filter(None, [self._links.get(link)])
         return [event for one in quiet for event in one.advance(t_rx_us)]
 
+    def calm_s(self) -> float:
+        """In how many seconds of the vehicles' time an alarm may be raised, or go, at the earliest.
+
+        0 while one is pending or about to go, and before there is any vehicle. It is of alarms that wait for a delay:
+        what one message tells by itself, a reboot or a reset of the estimator, comes whenever it comes.
+        """
+        return min((link.calm_s for link in self._links.values()), default=0.0)
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether a question to a doctor is open: never, unless the doctor waits."""
+        return any(link.asked is not None for link in self._links.values())
+
+    def answer(self) -> list[Event]:
+        """Have a doctor answer one open question of each link: some milliseconds each."""
+        return [event for link in self._links.values() for event in link.answer()]
+
     def set_clock(self, t_rx_us: int) -> None:
         """The clock that tells receive times was set, forward or back: it is `t_rx_us`, and no time has passed by that.
 
@@ -205,7 +224,10 @@ class Monitor:
 
     def finish(self) -> list[Event]:
         """Nothing follows: decide what is still undecided, and tell what comes of it."""
-        return [event for link in self._links.values() for event in link.finish()]
+        told = [event for link in self._links.values() for event in link.finish()]
+        while self.is_asked:
+            told += self.answer()
+        return told
 
     def close(self) -> Report:
         """Nothing follows: report, one entry a link. Who wants the last events calls `finish` before."""

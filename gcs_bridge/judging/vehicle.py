@@ -20,7 +20,6 @@ from gcs_bridge.columns import Int64s
 from gcs_bridge.events import Notice, in_order
 from gcs_bridge.expected import Expected
 from gcs_bridge.judging.boot import Boot, timeline_of
-from gcs_bridge.judging.diagnosis_cases import SentBatch
 from gcs_bridge.judging.doctor import Doctor
 from gcs_bridge.judging.in_force import InForce
 from gcs_bridge.judging.notices import (
@@ -32,6 +31,7 @@ from gcs_bridge.judging.notices import (
     stream_changes,
 )
 from gcs_bridge.judging.observation import Observation, Observer
+from gcs_bridge.judging.sent import SentBatch, SentPairs
 from gcs_bridge.judging.snapshot import CheckNow, VehicleNow, alarm_now, attitude_now
 from gcs_bridge.judging.start_up import StartUpChange
 from gcs_bridge.judging.untimed import Untimed
@@ -54,8 +54,10 @@ _MOST_RESETS = 100  # that the report lists
 class VehicleJudge:
     """Judges one vehicle, batch by batch."""
 
-    def __init__(self, vehicle: VehicleId, settings: Settings, observer: Observer | None = None) -> None:
-        """Start with nothing judged; `observer` is shown what is judged."""
+    def __init__(
+        self, vehicle: VehicleId, settings: Settings, observer: Observer | None = None, *, doctor_waits: bool = False
+    ) -> None:
+        """Start with nothing judged; `observer` is shown what is judged. `doctor_waits`: for `answer`."""
         self.vehicle = vehicle
         self._observer = observer
         self._settings = settings
@@ -69,7 +71,8 @@ class VehicleJudge:
         self.alarm_manager = AlarmManager(
             vehicle, (spec for check in self._checks for spec in check.alarm_specs), settings.alarm
         )
-        self._doctor = Doctor(self.alarm_manager)
+        self.doctor = Doctor(self.alarm_manager, waits=doctor_waits)
+        self._answered: list[Notice] = []  # between two batches, and not shown to the observer yet
         self._expected = Expected()
         self._in_force = InForce(settings)
         self._streams: dict[str, StreamCount] = {}
@@ -92,9 +95,8 @@ class VehicleJudge:
         yield from self._hear_others(batch, said)
         self._untimed.bring(batch)
         boots = {segment.boot: segment for segment in batch.segments}
-        more = [*(inertial.boot for inertial in batch.imu.values()), batch.secondary.boot]
         starts = {change.boot: change for change in batch.clock_changes if change.t_boot_us < 0}
-        indices = sorted((boots.keys() | starts.keys()).union(*map(_boots_in, more)))
+        indices = sorted(batch.boots | starts.keys())
         for index in indices:
             is_last = index == indices[-1]
             yield from self._take_boot(index, boots.get(index), batch, link, starts.get(index), is_last=is_last)
@@ -111,6 +113,20 @@ class VehicleJudge:
         if self.alarm_manager.due_us < NEVER_US:
             return 0  # shelving ends by receive time: rare, and asked for with each batch
         return NEVER_US if self._boot is None else self._boot.liveness.due_us
+
+    @property
+    def calm_s(self) -> float:
+        """As `Monitor.calm_s`; 0 as well while no attitude comes, or none that is ready."""
+        boot = self._boot
+        if boot is None or boot.is_starting or not any(boot.alive):
+            return 0.0
+        return self.alarm_manager.calm_s
+
+    def answer(self) -> Iterator[Notice]:
+        """Have the doctor answer one question."""
+        for notice in self.doctor.answer():
+            self._answered.append(notice)
+            yield notice
 
     def advance(self, link: LinkClock) -> Iterator[Notice]:
         """Time passed on the link and nothing of this vehicle came."""
@@ -188,7 +204,10 @@ class VehicleJudge:
         )
 
     def _stream(self, name: str) -> StreamCount:
-        return self._streams.setdefault(name, StreamCount())
+        count = self._streams.get(name)
+        if count is None:
+            count = self._streams[name] = StreamCount()
+        return count
 
     def hear(self, said: Sequence[OfOthers]) -> Iterator[Notice]:
         """What others said, in a batch that brought nothing of this vehicle."""
@@ -225,6 +244,7 @@ class VehicleJudge:
                 frame_index, _, t_rx_us = first
                 yield from self._pass_silence(boot, link, frame_index)
                 yield from self._hear_more(link, frame_index)
+                yield from self.doctor.answer_all()
                 yield from self.alarm_manager.end_boot(frame_index, boot.last_us, t_rx_us)
             boot = self._start_boot(index, first)
         if segment is None:
@@ -301,19 +321,15 @@ class VehicleJudge:
             self._rate_senders(segment)
         found = self._euler_quaternion.found
         assert found is not None
-        boot.diagnosis_cases.keep(
-            SentBatch(
-                euler=sent,
-                corrected=corrected,
-                quaternion=quaternion,
-                pairs=aligned.pairs,
-                disagreement=found,
-            ),
-            boot.last_us,
-        )
-        told_of = [*self.alarm_manager.tell(link, lambda moment: self._doctor.ask(boot, moment, link))]
-        told_of += self._doctor.ask_again(boot, link)
+        kept = None
+        if len(sent) or len(quaternion) or len(aligned.pairs):
+            pairs = SentPairs.of(aligned.pairs, found)
+            kept = SentBatch(euler=sent, corrected=corrected, quaternion=quaternion, pairs=pairs)
+        boot.diagnosis_cases.keep(kept, aligned.pairs, boot.last_us)
+        told_of = [*self.alarm_manager.tell(link, lambda moment: self.doctor.ask(boot, moment, link))]
+        told_of += self.doctor.ask_again(boot, link)
         yield from told_of
+        answered, self._answered = self._answered, []
         if self._observer is not None:
             self._observer(
                 Observation(
@@ -324,7 +340,7 @@ class VehicleJudge:
                     disagreement=found,
                     flight=flight,
                     corrected=corrected,
-                    notices=tuple(in_order(told_of)),
+                    notices=tuple(in_order([*answered, *told_of])),
                     taken_back=tuple(self.alarm_manager.taken_back),
                     judged={check.name: check.judged for check in self._checks},
                 )
@@ -381,11 +397,3 @@ class VehicleJudge:
                     period_us,
                     samples.valid,
                 )
-
-
-def _boots_in(boot: Int64s) -> set[int]:
-    """The different boots (n,); np.unique would load a part of numpy that takes as long as judging some seconds."""
-    if not len(boot):
-        return set()
-    first, last = int(boot.min()), int(boot.max())
-    return {first} if first == last else set(boot.tolist())

@@ -37,6 +37,8 @@ class Link:
     """What all links share; made by `gcs_bridge.links.open.open_link`. Iterating one gives what has come by now."""
 
     framing: ClassVar[Framing]
+    tells_arrival: bool = False
+    """Whether the system says when each chunk arrived: one that is fetched late has the same time as at once."""
 
     def __init__(self, name: str, open_port: Callable[[], Any]) -> None:
         """Open the port, now and whenever it has gone; `name` is the link's URI."""
@@ -172,6 +174,7 @@ class DatagramLink(Link):
         self._reader: DatagramReader | None = None
         with contextlib.suppress(OSError):
             self._reader = DatagramReader(port)
+        self.tells_arrival = self._reader is not None
 
     def remember_senders(self) -> None:
         """From here on who sends is remembered, also when the link has gone and returned."""

@@ -24,9 +24,14 @@ from gcs_bridge.links.wall_clock import WallClock, now_us
 __all__ = ["Errand", "Stop", "listen"]
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
 # So long what comes first waits for what comes with it: a vehicle sends its messages in bursts, and judging one costs
-# nearly the same whether it holds one message or ten. Where it costs much, as of many vehicles, it waits twice as long
-# as that takes, so that half of a processor is enough; but what waited while the last batch was judged waited then.
-_GATHER_S, _LONGEST_S = 0.003, 0.01
+# nearly the same whether it holds one message or ten. What came while the last batch was judged waits twice as long as
+# that took, so that half of a processor is enough where it costs much, as of many vehicles.
+_GATHER_S, _LONGEST_S = 0.002, 0.01
+# As long as nothing is on its way with any vehicle it may wait longer: an alarm is pending before it is raised, and is
+# judged without that wait from there on. So long must the delay be at the least, in such waits: a vehicle's clock may
+# run faster than this one's, as where a flight is played.
+_CALM_S, _CALM_SHARE = 0.045, 4
+_FEW = 256  # chunks of a batch: as many have room where a system gives the least
 _AT_ONCE_S = 0.0001  # what was there already is told within this time
 _POLL_S = 0.01  # so often a link is asked that cannot be waited for
 
@@ -88,13 +93,14 @@ def listen(
     duration_s: float | None = None,
     note: Callable[[str], None] = lambda _: None,
     errands: Sequence[Errand] = (),
+    patient: bool = False,
 ) -> None:
     """Feed `monitor` from the links and `tell` each batch's events, until `stop` says so or `duration_s` is over.
 
     A batch is what has arrived: one burst where the link is quiet, more where this machine falls behind. Link number n
     is the monitor's link n; in an event of the link itself, `link` is its name. A link that has gone is waited for, and
     `note` is told in a line why it does not return, and that this machine's clock was set. All links are closed in the
-    end.
+    end. `patient`: while no alarm is on its way a batch may be several bursts, where the system says when each came.
     """
     ends_s = math.inf if duration_s is None else time.monotonic() + duration_s
     listened = [_Listened(number, link, monitor, tell, note) for number, link in enumerate(links)]
@@ -103,29 +109,37 @@ def listen(
         for one in listened:
             one.say(LinkUp)
         taken_s = ticked_s = time.monotonic()
-        judged_s = 0.0
+        judged_s = calm_s = 0.0
         while not stop() and (asked_s := time.monotonic()) < ends_s:
             beside = [descriptor for errand in errands for descriptor in errand.descriptors()]
-            _wait(links, min(_TICK_S, ends_s - asked_s), beside)
-            came_s = time.monotonic()
-            if came_s - asked_s < _AT_ONCE_S:
-                came_s = taken_s  # it came while the last batch was judged, and has waited since
-            gather_s = min(max(_GATHER_S, 2 * judged_s), _LONGEST_S)
-            time.sleep(max(came_s + gather_s - time.monotonic(), 0))
+            _wait(links, 0.0 if monitor.is_asked else min(_TICK_S, ends_s - asked_s), beside)
+            came_s, gather_s = time.monotonic(), _GATHER_S
+            if came_s - asked_s < _AT_ONCE_S:  # it came while the last batch was judged, and has waited since
+                came_s, gather_s = taken_s, min(max(_GATHER_S, 2 * judged_s), _LONGEST_S)
+            gather_s = max(gather_s, calm_s)
+            _pass(min(came_s + gather_s, ends_s) - time.monotonic(), beside)
             taken_s = time.monotonic()
             if step_us := clock.step_us():
                 monitor.set_clock(now_us())
                 note(_clock_was_set(step_us / 1e6))
-            heard = [one for one in listened if one.take()]
+            counts = [one.take() for one in listened]
             judged_s = time.monotonic() - taken_s
+            if monitor.is_asked:  # one question a round: what comes meanwhile waits for one answer, and not for all
+                tell(monitor.answer())
+            may_wait = (
+                patient and not monitor.is_asked and sum(counts) <= _FEW and all(link.tells_arrival for link in links)
+            )
+            calm_s = min(_CALM_S, monitor.calm_s() / _CALM_SHARE) if may_wait else 0.0
             for errand in errands:
                 errand.run()
             if taken_s - ticked_s >= _TICK_S:
                 ticked_s = taken_s
-                for one in listened:
+                for one, count in zip(listened, counts, strict=True):
                     one.look()
-                    if one not in heard:  # there may be more to come that waited while this process was held up
+                    if not count:  # there may be more to come that waited while this process was held up
                         one.advance()
+        while monitor.is_asked:
+            tell(monitor.answer())
     finally:
         for link in links:
             link.close()
@@ -146,6 +160,14 @@ def _wait(links: Sequence[Link], seconds: float, beside: Sequence[int]) -> None:
         select.select(descriptors, [], [], seconds)
     else:  # Windows' select takes no empty lists
         time.sleep(seconds)
+
+
+def _pass(seconds: float, beside: Sequence[int]) -> None:
+    """Let time pass, unless there is something else to do."""
+    if beside and seconds > 0:
+        select.select(beside, [], [], seconds)
+    else:
+        time.sleep(max(seconds, 0))
 
 
 class _Listened:
@@ -174,11 +196,11 @@ class _Listened:
         self._noise = _Noise(self._monitor.frames_of(self._number))
         self._monitor.open_link(self._number, datagrams=self._link.framing is Framing.DATAGRAM)
 
-    def take(self) -> bool:
-        """Judge everything that has arrived; whether there was anything."""
+    def take(self) -> int:
+        """Judge everything that has arrived; how many chunks that was."""
         if not self._is_up:
             if not self._link.has_returned():
-                return False
+                return 0
             self._is_up = True
             self._begin()
             self.say(LinkUp)
@@ -190,7 +212,7 @@ class _Listened:
             self._is_up = False
             self._link.wait(self._delay_s)
             self._delay_s = longer(self._delay_s)  # unless it brings something next time
-            return False
+            return 0
         if len(chunks):
             self._delay_s = FIRST_DELAY_S
             self._noise.add(chunks.data.size)
@@ -198,7 +220,7 @@ class _Listened:
         if self._link.dropped != self._dropped:
             lost, self._dropped = self._link.dropped - self._dropped, self._link.dropped
             self.say(Damage, reason=f"{lost} datagrams were dropped here: this machine is too slow", dropped=lost)
-        return len(chunks) > 0
+        return len(chunks)
 
     def look(self) -> None:
         """Tell what is wrong with the link, if something has been for a while."""

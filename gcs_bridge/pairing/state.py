@@ -49,11 +49,13 @@ class PairState(NamedTuple):
     @property
     def n_waiting(self) -> int:
         """How many samples wait for a partner."""
-        return int(self.of[:, WAITING].sum())
+        return int(self.of[EULER, WAITING] + self.of[QUATERNION, WAITING])
 
     def with_room(self, more: int) -> PairState:
         """The same with room for `more` samples of each stream, or for as many as can still find a partner."""
         room = self.time.shape[1]
+        if room == RING:
+            return self
         needed = min(int(self.of[:, COUNT].max()) + more, RING)
         if room >= needed:
             return self

@@ -24,6 +24,8 @@ from gcs_bridge.telemetry.samples import (
 from gcs_bridge.telemetry.senders import SenderSign
 from gcs_bridge.telemetry.statements import Statement
 
+_MANY = 64  # rows, from which on numpy is faster than Python
+
 
 @record
 class BootSegment(FrameColumns):
@@ -105,3 +107,17 @@ class VehicleBatch:
     secondary: Ahrs2Samples
     statements: list[Statement]
     motion: VelocityChange
+
+    @property
+    def boots(self) -> set[int]:
+        """Those within which it brought anything."""
+        of_samples = [*(samples.boot for samples in self.imu.values()), self.secondary.boot]
+        return {segment.boot for segment in self.segments}.union(*map(_different, of_samples))
+
+
+def _different(boot: Int64s) -> set[int]:
+    """The different boots (n,); np.unique would load a part of numpy that takes as long as judging some seconds."""
+    if len(boot) < _MANY:
+        return set(boot.tolist())
+    first, last = int(boot.min()), int(boot.max())
+    return {first} if first == last else set(boot.tolist())

@@ -26,6 +26,7 @@ from gcs_bridge.telemetry.stations import Heartbeats, Majority, is_vehicle
 from gcs_bridge.telemetry.velocity import VelocityReader
 
 _ARDUPILOT = "ardupilot"
+_IMU_KINDS = [(name, KIND[name]) for name in IMU_MESSAGES]
 
 
 class VehicleReader:
@@ -116,8 +117,8 @@ class VehicleReader:
         autopilot, since = self.autopilot, 0
         if self._ardupilot_frame_index is not None:
             autopilot, since = _ARDUPILOT, self._ardupilot_frame_index
-        for name in IMU_MESSAGES:
-            if share.count(KIND[name]):
+        for name, kind in _IMU_KINDS:
+            if share.count(kind):
                 reader = self._imu.get(name) or self._imu.setdefault(name, ImuReader(name, self._dialect))
                 samples = reader.read(batch, share, timed, autopilot, since)
                 if len(samples):

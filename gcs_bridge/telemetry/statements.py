@@ -94,7 +94,7 @@ class StepSignal:
     def at(self, frame_indices: Int64s) -> Floats:
         """The values (n,) that held when the frames `frame_indices` (n,) came; one for all, where there is no other."""
         if len(self._values) == 1:
-            return np.broadcast_to(self._values, len(frame_indices))
+            return np.full(len(frame_indices), self._values[0])
         return np.asarray(self._values[np.searchsorted(self._frame_indices, frame_indices, side="right") - 1])
 
     @property
@@ -103,13 +103,22 @@ class StepSignal:
         return float(self._values[-1])
 
     @property
+    def has_steps(self) -> bool:
+        """Whether it has more than one value at the frames that may be asked about."""
+        return len(self._values) > 1
+
+    def is_always(self, value: float) -> bool:
+        """Whether it is this value at all frames that may be asked about."""
+        return len(self._values) == 1 and self._values[0] == value
+
+    @property
     def steps(self) -> tuple[Int64s, Floats]:
         """From which frames on (k,) which values (k,) hold: for `held_at`."""
         return self._frame_indices, self._values
 
     def forget(self, frame_index: int) -> None:
         """Nothing will be asked about frames before this one."""
-        if len(self._values) == 1:
+        if not self.has_steps:
             return
         passed = int(np.searchsorted(self._frame_indices, frame_index, side="right")) - 1
         self._frame_indices, self._values = self._frame_indices[passed:], self._values[passed:]

@@ -132,10 +132,15 @@ class Presence:
             self._state[name] = -1
 
     @property
+    def is_lost(self) -> bool:
+        """Whether nothing of it came for too long."""
+        return bool(self._state.item(0)[2])
+
+    @property
     def due_us(self) -> int:
         """The time on the link, as it is heard, from which on it is lost, if nothing of it comes."""
-        of = self._state[0]
-        return NEVER_US if of["rx_us"] < 0 or of["lost"] else int(of["heard_us"]) + LOST_AFTER_US + 1
+        rx_us, heard_us, lost, *_ = self._state.item(0)
+        return NEVER_US if rx_us < 0 or lost else heard_us + LOST_AFTER_US + 1
 
     def take(self, frame_indices: Int64s, link: LinkClock, timed: Int64Rows = NO_TIMES) -> Iterator[PresenceChange]:
         """Follow the next frames of the link, of which `frame_indices` are the vehicle's; yield each change.

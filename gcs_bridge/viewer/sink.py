@@ -45,7 +45,7 @@ __all__ = ["RerunSink", "new_recording"]
 
 
 _TICK_S = 0.02  # so long rerun gathers a live link's events; samples are gathered already, and go at once
-_HOLD_US = 45_000  # what is drawn of a live link grows some 20 times a second: each time costs as much as 100 rows
+_HOLD_US = 35_000  # what is drawn of a live link grows some 20 times a second: each time costs as much as 100 rows
 
 _LINE = 76  # signs of an event that are seen beside plots; what is longer goes on below
 _INDENT = 12 * "\N{NO-BREAK SPACE}"

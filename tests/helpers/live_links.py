@@ -211,7 +211,7 @@ class Live:
         ]
         for station in self._stations:
             monitor_options["on_frames"] = station.frames
-        self.monitor = Monitor(**monitor_options)
+        self.monitor = Monitor(doctor_waits=True, **monitor_options)
         self._links = links
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)

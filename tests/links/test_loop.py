@@ -5,12 +5,14 @@ import contextlib
 import os
 import pty
 import socket
+import sys
 import threading
 import time
 import tty
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -229,20 +231,27 @@ def test_broken_datagrams_do_not_reach_into_each_other() -> None:
 class Taken:
     """A monitor that judges nothing, and takes its time for it: `batches` are (link, datagrams)."""
 
-    def __init__(self, takes_s: float = 0.0) -> None:
+    def __init__(self, takes_s: float = 0.0, calm_s: float = 0.0) -> None:
         self.batches: list[tuple[int, list[bytes]]] = []
-        self._takes_s = takes_s
+        self.times_us: list[list[int]] = []
+        self._takes_s, self._calm_s = takes_s, calm_s
 
     def open_link(self, link: int, *, datagrams: bool) -> None:
         assert datagrams
 
     def take(self, chunks: Chunks, link: int) -> list[Any]:
         self.batches.append((link, [bytes(chunk.data) for chunk in chunks]))
+        self.times_us.append([chunk.t_rx_us for chunk in chunks])
         time.sleep(self._takes_s)
         return []
 
     def advance(self, _t_rx_us: int, _link: int) -> list[Any]:
         return []
+
+    is_asked = False
+
+    def calm_s(self) -> float:
+        return self._calm_s
 
     def frames_of(self, _link: int) -> int:
         return len(self.batches)
@@ -252,10 +261,11 @@ class Taken:
 
 
 @contextlib.contextmanager
-def taking(monitor: Any, *links: Link) -> Iterator[None]:
+def taking(monitor: Any, *links: Link, patient: bool = False) -> Iterator[None]:
     """`listen` in a thread, for such a monitor."""
     stop = threading.Event()
-    thread = threading.Thread(target=listen, args=(links, monitor, lambda _: None), kwargs={"stop": stop.is_set})
+    more = {"stop": stop.is_set, "patient": patient}
+    thread = threading.Thread(target=listen, args=(links, monitor, lambda _: None), kwargs=more)
     thread.start()
     try:
         yield
@@ -284,6 +294,39 @@ def bursts_of_twenty_that_are_one_batch() -> int:
         wait_until(lambda: len(monitor.of(0)) == 80)
     assert monitor.of(0) == [bytes([burst, message]) for burst in range(20) for message in range(4)]
     return sum([datagram[1] for datagram in batch] == [0, 1, 2, 3] for _, batch in monitor.batches)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no system says when a datagram came")
+def test_while_it_is_calm_several_bursts_are_one_batch() -> None:
+    """As long as nothing is on its way; each datagram has the time at which it came all the same."""
+    link, uri = udp_link()
+    monitor = Taken(calm_s=1.0)
+    began_us = time.time_ns() // 1000
+    sent_us = []
+    with taking(monitor, link, patient=True), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for burst in range(40):
+            sent_us.append(time.time_ns() // 1000)
+            sender.sendto(bytes([burst]), (uri.host, uri.port))
+            time.sleep(0.01)
+        wait_until(lambda: len(monitor.of(0)) == 40)
+    assert monitor.of(0) == [bytes([burst]) for burst in range(40)]
+    # 0.4 s or more, 45 ms at least each: but for the first, whoever sends and listens on a busy machine.
+    assert len(monitor.batches) <= 2 + (time.time_ns() // 1000 - began_us) / 45_000
+    arrived_us = [t_us for times in monitor.times_us for t_us in times]
+    apart_us = [later - earlier for earlier, later in pairwise(arrived_us)]
+    assert sum(apart > 5_000 for apart in apart_us) >= 35  # of 39 that were sent 10 ms apart
+    assert all(sent <= arrived for sent, arrived in zip(sent_us, arrived_us, strict=True))
+
+
+def test_what_waits_is_fetched_at_once_where_nobody_says_when_it_came() -> None:
+    """A stream's bytes have the time at which they are fetched: however calm it is, that is not later for it."""
+    main, terminal = pty.openpty()
+    tty.setraw(terminal)
+    link = open_link(SerialUri(os.ttyname(terminal), 115_200))
+    assert not link.tells_arrival
+    link.close()
+    os.close(main)
+    os.close(terminal)
 
 
 def test_a_slow_machine_takes_larger_batches() -> None:
