@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from gcs_bridge.cli import main
-from gcs_bridge.cli.replay import _Pace
+from gcs_bridge.cli.replay_run import _Clock, _Pace
 from gcs_bridge.errors import UsageError
 from gcs_bridge.viewer import ViewerSpec
 from gcs_bridge.viewer.base import WRITTEN
@@ -154,7 +154,7 @@ def test_a_viewer_that_reads_too_slowly_is_not_waited_for_in_the_end(monkeypatch
     monkeypatch.setattr(rerun, "unregister_shutdown", lambda: unregistered.append(True))
     viewer = open_viewer("web", say=pytest.fail, live=True)
     assert isinstance(viewer, served.ServedViewer)
-    viewer._recordings = [Slow()]  # type: ignore[list-item]
+    viewer._recording = Slow()  # type: ignore[assignment]
     viewer.close()
     assert not read.is_set()
     assert unregistered == [True]
@@ -238,7 +238,8 @@ def test_a_paced_replay_keeps_the_recording_s_time() -> None:
             self.now_s += seconds
 
     clock = Clock()
-    pace = _Pace(clock, 2.0, now_s=lambda: clock.now_s, sleep=clock.sleep)  # type: ignore[arg-type]  # asks no more
+    due = _Clock(2.0, now_s=lambda: clock.now_s, sleep=clock.sleep)
+    pace = _Pace(clock, due)  # type: ignore[arg-type]  # asks no more
     for span_s in (0.01, 0.02, 0.03):
         clock.span_s = span_s
         pace.keep()

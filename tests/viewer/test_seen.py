@@ -275,10 +275,10 @@ def test_a_window_opens_at_the_alarm_and_its_end_is_told(tmp_path: Path, monkeyp
             monitor = Monitor(observer=sink.observe)
             told = monitor.feed_recording(flown)
             sink.events(told)
-            raised = [event.boot_s for event in told if isinstance(event, AlarmRaised)]
-            assert sink.finish("alarm")
-            assert raised[0] is not None
-            at_ns = round(raised[0] * 1e9)
+            raised = next(event for event in told if isinstance(event, AlarmRaised))
+            assert sink.finish(raised)
+            assert raised.boot_s is not None
+            at_ns = round(raised.boot_s * 1e9)
             window = viewer._window
             assert window is not None
             seen = Headless(window._port, window.process)
