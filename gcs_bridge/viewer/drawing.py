@@ -7,6 +7,7 @@ import re
 import numpy as np
 import rerun as rr
 
+from gcs_bridge.viewer.below import frame_below, path_below
 from gcs_bridge.viewer.scene import UTC, boot_timeline
 from gcs_bridge.viewer.times import Aligned, Instant
 
@@ -32,18 +33,24 @@ def new_recording(
 class Drawing:
     """Draws into a recording that others may draw into, too; each draws in one thread."""
 
-    def __init__(self, recording: rr.RecordingStream, *, aligned: Aligned | None = None) -> None:
-        """`aligned`: a timeline beside those of boot and receive time, on which all that draw into it meet."""
+    def __init__(self, recording: rr.RecordingStream, *, aligned: Aligned | None = None, prefix: str = "") -> None:
+        """`aligned`: a timeline beside those of boot and receive time, on which all that draw into it meet.
+
+        `prefix`: the entity below which all is drawn.
+        """
         self.aligned = aligned
         self._rec = recording
+        self._prefix = prefix
 
     def log(self, path: str, archetype: rr.AsComponents, *, static: bool = False) -> None:
         """Draw what is there from the moment set, or at all times."""
-        self._rec.log(path, archetype, static=static)
+        if self._prefix and isinstance(archetype, rr.CoordinateFrame):
+            archetype = frame_below(self._prefix, archetype)
+        self._rec.log(path_below(self._prefix, path), archetype, static=static)
 
     def send_columns(self, path: str, times: list[rr.TimeColumn], columns: rr.ComponentColumnList) -> None:
         """Draw many rows at once."""
-        self._rec.send_columns(path, times, columns)
+        self._rec.send_columns(path_below(self._prefix, path), times, columns)
 
     def set_time(self, moment: Instant) -> None:
         """The time of what is logged next."""

@@ -107,7 +107,7 @@ class RerunSink(ViewerSink):
         else samples are left out.
         """
         self._world = world
-        self._rec = Drawing(world.recording, aligned=aligned)
+        self._rec = Drawing(world.recording, aligned=aligned, prefix=world.prefix)
         self._label = label
         live = self._live = world.live
         self._gather = gather

@@ -9,6 +9,7 @@ import rerun as rr
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer import scene
 from gcs_bridge.viewer.base import Beside
+from gcs_bridge.viewer.below import move_below
 from gcs_bridge.viewer.drawing import Drawing
 from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.panels import panel_parts
@@ -30,15 +31,18 @@ class World:
         live: bool,
         timeline: str | None = None,
         window: Window | None = None,
+        prefix: str = "",
     ) -> None:
         """Draw the empty world. `live`: the newest is followed; else the whole is laid out when nothing follows.
 
-        `timeline`: what to show it by; None: by what there is. `window`: its cursor is moved.
+        `timeline`: what to show it by; None: by what there is. `window`: its cursor is moved. `prefix`: the entity
+        below which all is drawn.
         """
         self.recording = recording
         self.live = live
         self.timeline = timeline
-        self._drawing = Drawing(recording)
+        self.prefix = prefix
+        self._drawing = Drawing(recording, prefix=prefix)
         self._window = window
         self._vehicles: dict[VehicleId, bool] = {}  # and whether its motion is known
         self._legend: set[Legend] = set()  # what has been drawn
@@ -76,6 +80,8 @@ class World:
     def lay_out(self, timeline: str, around_us: int | None = None, *, at_end: bool = False) -> None:
         """Lay it out anew, by a timeline, around a time on it if given; and put the window's cursor there."""
         shown = layout(self._vehicles, timeline, live=self.live, around_us=around_us, at_end=at_end)
+        if self.prefix:
+            move_below(self.prefix, shown.root_container)
         self.recording.send_blueprint(shown)
         if around_us is not None and self._window is not None:
             self.recording.flush(timeout_sec=_FLUSH_S)
@@ -83,8 +89,13 @@ class World:
 
 
 def world_of(
-    recording: rr.RecordingStream, several: Sequence[Beside | None], *, live: bool, window: Window | None = None
+    recording: rr.RecordingStream,
+    several: Sequence[Beside | None],
+    *,
+    live: bool,
+    window: Window | None = None,
+    prefix: str = "",
 ) -> World:
     """The world that several are drawn into side by side; None: it is alone."""
     shared = next((one.timeline for one in several if one is not None), None)
-    return World(recording, live=live, timeline=shared, window=window)
+    return World(recording, live=live, timeline=shared, window=window, prefix=prefix)

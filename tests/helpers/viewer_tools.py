@@ -52,6 +52,7 @@ class Drawn:
             reader = RrdReader(path)
             recordings = reader.recordings()
             self.names = [entry.application_id for entry in recordings]
+            self.ids = [entry.recording_id for entry in recordings]
             self._chunks = list(reader.stream(store=recordings[0]))
 
     def rows(self, entity: str, component: str, timeline: str = "boot") -> tuple[NDArray[np.int64], list[Any]]:
@@ -81,6 +82,10 @@ class Drawn:
     def static(self) -> set[str]:
         """Entities with a part that never changes."""
         return {chunk.entity_path for chunk in self._chunks if chunk.is_static}
+
+    def entities(self) -> set[str]:
+        """All that something is drawn of."""
+        return {chunk.entity_path for chunk in self._chunks}
 
     def timelines(self) -> set[str]:
         return {name for chunk in self._chunks for name in chunk.timeline_names}

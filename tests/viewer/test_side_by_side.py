@@ -102,6 +102,7 @@ def test_both_alarms_lie_at_zero(flights: dict[str, Path], tmp_path: Path) -> No
         assert set((boot_us - at_us).tolist()) == {raised_us(path, tmp_path)}
 
 
+@pytest.mark.slow
 def test_by_receive_time_nothing_is_moved(flights: dict[str, Path], tmp_path: Path) -> None:
     """The timeline is the one that is there already; a stream without times has no place on it, and that is told."""
     assert replayed(flights, tmp_path, "--align", "utc").timelines() == {"boot", "utc"}
@@ -200,6 +201,7 @@ def test_it_opens_around_the_alarm(at: str, flights: dict[str, Path], tmp_path: 
     assert at_s == pytest.approx(raised_us(flights["before"], tmp_path) / 1e6 - 10, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_it_opens_around_a_second(flights: dict[str, Path], tmp_path: Path) -> None:
     """Counted from the first recording's start, whatever they are aligned by."""
     path = tmp_path / "a.rrd"
