@@ -74,6 +74,7 @@ class ServedViewer(Viewer):
             self._window = processes.Window(self.url, self._say)
             self._say("viewer: a window opens")
         else:
+            assert self._web_port is not None
             self._page = processes.Page(self._web_port, self.url, self._say)
             self._say(f"viewer: {self._why}open {self.page_url}{self._from_afar()}")
         if self._live:
