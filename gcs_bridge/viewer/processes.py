@@ -42,9 +42,7 @@ def free_port(first: int) -> int:
                 probe.bind((_HOST, port))
                 return port
     taken = f"{first} to {first + _PORTS_TRIED - 1} are taken"
-    raise UsageError(
-        f"no free port for the viewer: {taken}: end what listens there, or use save:FILE{SUFFIX}"
-    )
+    raise UsageError(f"no free port for the viewer: {taken}: end what listens there, or use save:FILE{SUFFIX}")
 
 
 class Window:
@@ -62,7 +60,7 @@ class Window:
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
-        _tell_of_failure(self.process, say, f"the window ended by a failure; its data is at {url}")
+        _tell_of_failure(self.process, say, "the window ended by a failure", f"'rerun --connect {url}' opens another")
 
     def show(self, recording_id: str, timeline: str, time_us: int) -> None:
         """Put the window's cursor to a time, as soon as it has loaded the recording so far; waits in a thread.
@@ -110,7 +108,11 @@ class Page:
         )
         self._closed = False
         _tell_of_failure(
-            self._process, say, f"the web viewer's page at port {port} failed", unless=lambda: self._closed
+            self._process,
+            say,
+            f"the web viewer's page at port {port} failed",
+            "start anew, or use save:FILE.rrd; the rest goes on",
+            unless=lambda: self._closed,
         )
 
     def close(self) -> None:
@@ -131,11 +133,11 @@ def _without_analytics() -> dict[str, str]:
 
 
 def _tell_of_failure(
-    process: subprocess.Popen[bytes], say: Say, what: str, unless: Callable[[], bool] = lambda: False
+    process: subprocess.Popen[bytes], say: Say, what: str, remedy: str, unless: Callable[[], bool] = lambda: False
 ) -> None:
     def wait() -> None:
         code = process.wait()
         if code and not unless():
-            say(f"viewer: {what} (exit code {code})")
+            say(f"viewer: {what} (exit code {code}): {remedy}")
 
     threading.Thread(target=wait, daemon=True).start()

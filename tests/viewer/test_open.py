@@ -15,7 +15,7 @@ import pytest
 from gcs_bridge.cli import main
 from gcs_bridge.cli.replay_run import _Clock, _Pace
 from gcs_bridge.errors import UsageError
-from gcs_bridge.viewer import ViewerSpec
+from gcs_bridge.viewer import ViewerSpec, processes
 from gcs_bridge.viewer.base import WRITTEN
 from gcs_bridge.viewer.open import OPENERS
 from gcs_bridge.viewer.processes import free_port
@@ -133,6 +133,32 @@ def test_a_taken_port_is_passed_over() -> None:
         listener.listen()
         taken = listener.getsockname()[1]
         assert free_port(taken) > taken
+
+
+def test_no_free_port_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line, before anything is read."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        taken = listener.getsockname()[1]
+        monkeypatch.setattr(processes, "_PORTS_TRIED", 1)
+        with pytest.raises(UsageError, match=rf"{taken} to {taken} are taken: end what listens there, or use save:"):
+            free_port(taken)
+
+
+def test_a_page_whose_port_is_taken_meanwhile_is_told() -> None:
+    """Whoever was quicker: it is one line that says what to do, and nothing else ends."""
+    said: list[str] = []
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        taken = listener.getsockname()[1]
+        page = processes.Page(taken, "rerun+http://127.0.0.1:1/proxy", said.append)
+        eventually(lambda: said)
+        page.close()
+    (line,) = said
+    assert f"page at port {taken} failed" in line
+    assert "start anew, or use save:FILE.rrd" in line
 
 
 def test_a_viewer_that_reads_too_slowly_is_not_waited_for_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -156,18 +156,31 @@ def begin_us(viewer: Headless) -> int:
     return int(line.start) // 1000
 
 
+def assert_complete(viewer: Headless) -> None:
+    """It shows the flight from the first sample to the last, in its place, with all panels, at an instant as it was."""
+    viewer.wait_for("boot", 15_800_000)
+    eventually(lambda: begin_us(viewer) == 10_000_000)
+    eventually(lambda: viewer.edge(BODY)["sample_time"] == {"kind": "static"})
+    eventually(lambda: viewer.views() == [*PANELS, *["TimeSeries"] * 7])
+    viewer.go_to(12_000_000)
+    expected = wire.Motion(6.0).rotation(2.0).as_matrix()
+    assert viewer.matrix(f"{BODY}/euler") == pytest.approx(expected, abs=TOLERANCE)
+
+
 @pytest.mark.slow
 @can_draw
-def test_a_late_viewer_sees_the_history_and_what_never_changes(port: int) -> None:
-    """It comes after the last sample, and still gets the first one, the layout and the vehicle's place."""
+def test_late_two_at_once_killed_and_restarted_viewers_see_it_all(port: int) -> None:
+    """They come after the last sample; one of two is killed, the other does not mind, and the next is complete, too."""
     with serving() as viewer:
         sink = viewer.recording("late")
         feed(Monitor(observer=sink.observe), sink, wire.flight(wire.Motion(6.0), 6.0))
-        with headless(viewer.url, port) as late:
-            late.wait_for("boot", 15_800_000)
-            eventually(lambda: begin_us(late) == 10_000_000)
-            eventually(lambda: late.edge(BODY)["sample_time"] == {"kind": "static"})
-            eventually(lambda: late.views() == [*PANELS, *["TimeSeries"] * 7])
+        with headless(viewer.url, port) as one:
+            with headless(viewer.url, free_port(port + 1)) as other:
+                assert_complete(one)
+                assert_complete(other)
+            assert_complete(one)  # the other was killed
+            with headless(viewer.url, free_port(port + 2)) as again:
+                assert_complete(again)
 
 
 @pytest.mark.slow
