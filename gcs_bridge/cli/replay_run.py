@@ -194,18 +194,29 @@ class Replay:
         """Lay the whole out, around the moment that was asked for."""
         for one in shown:
             one.sink.close()
-        if not shown:
+        if self.at is None or not shown or viewer.kind == "none":
+            for one in shown[:1]:
+                one.sink.finish()
             return
-        first = shown[0]
-        if isinstance(self.at, str) and viewer.kind != "none":
-            self._open_at_alarm(shown, self.at)
-        elif not isinstance(self.at, float):
-            first.sink.finish()
-        elif not first.sink.finish(round(self.at * 1e6) + (first.source.start_us or 0)) and viewer.kind != "none":
-            raise UsageError(f"{first.path}: --at {self.at:g} is past its end: {first.monitor.span_s:.1f} s in all")
+        opened = self._open_at_alarm if isinstance(self.at, str) else self._open_at_second
+        if opened(shown) and viewer.kind in ("web", "save") and not self.quiet:
+            complain(
+                "the plots show the time around it; the cursor starts at the beginning: click there", kind="note"
+            )
 
-    def _open_at_alarm(self, shown: list[_Recording], asked: str) -> None:
-        """Lay it out around an alarm, before warnings; what else there is to open at is told."""
+    def _open_at_second(self, shown: list[_Recording]) -> bool:
+        assert isinstance(self.at, float)
+        first = shown[0]
+        for one in shown[:1] if self.align == ALARM else shown:  # the first may be over by then, another not
+            begin_us = (first if self.align == UTC else one).source.start_us or 0
+            if one.sink.finish(round(self.at * 1e6) + begin_us):
+                return True
+        raise UsageError(f"{first.path}: --at {self.at:g} is past its end: {first.monitor.span_s:.1f} s in all")
+
+    def _open_at_alarm(self, shown: list[_Recording]) -> bool:
+        """Lay it out around an alarm, before warnings, if there is one; what else there is to open at is told."""
+        asked = self.at
+        assert isinstance(asked, str)
         raised = [(one, event) for one in shown for event in one.raised.all]
         fitting = [(one, event) for one, event in raised if asked in (ALARM, event.check, event.id)]
         files, ids = ", ".join(str(one.path) for one in shown), [event.id for _, event in raised]
@@ -216,12 +227,13 @@ class Replay:
             what = "no alarm" if asked == ALARM else f"no alarm of {asked}"
             complain(f"{files}: {what} was raised, so it is opened at its beginning", kind="note")
             shown[0].sink.finish()
-            return
+            return False
         one, event = next((found for found in fitting if found[1].severity == ALARM), fitting[0])
         one.sink.finish(event)
         ids.remove(event.id)
         if ids and not is_alarm_id(asked) and not self.quiet:
             complain(f"{one.path}: opened at {event.id}; --at takes an id as well: {', '.join(ids)}", kind="note")
+        return True
 
 
 def is_alarm_id(text: str) -> bool:

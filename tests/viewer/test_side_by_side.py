@@ -212,6 +212,16 @@ def test_it_opens_around_a_second(flights: dict[str, Path], tmp_path: Path) -> N
     assert at_s == pytest.approx(wire.START_US / 1e6 + 7.25, abs=1e-3)
 
 
+@pytest.mark.slow
+def test_the_second_may_be_past_the_end_of_one_of_them(flights: dict[str, Path], tmp_path: Path) -> None:
+    """As long as another lasts until then."""
+    short, path = tmp_path / "short.tlog", tmp_path / "a.rrd"
+    short.write_bytes(wire.tlog(wire.flight(MOTIONS["before"], 3.0)))
+    assert main(["replay", str(short), str(flights["after"]), "--at", "6", "--viewer", f"save:{path}", "-q"]) == 0
+    assert opened_at(path)[1] == pytest.approx(6.0, abs=1e-3)
+    assert main(["replay", str(short), str(flights["after"]), "--at", "10", "--viewer", f"save:{path}", "-q"]) == 2
+
+
 def test_names_are_short_and_no_two_are_the_same() -> None:
     """Signs that paths of the viewer cannot hold are left out; the end of a long name tells more than its beginning."""
     names = ["a/f.tlog", "b/f.tlog", "b/f.tlog", "2026-11-22 00-45-53 flight test.tlog", "ü.tlog", "-.tlog"]
