@@ -200,9 +200,7 @@ class Replay:
             return
         opened = self._open_at_alarm if isinstance(self.at, str) else self._open_at_second
         if opened(shown) and viewer.kind in ("web", "save") and not self.quiet:
-            complain(
-                "the plots show the time around it; the cursor starts at the beginning: click there", kind="note"
-            )
+            complain("the plots show the time around it; the cursor starts at the beginning: click there", kind="note")
 
     def _open_at_second(self, shown: list[_Recording]) -> bool:
         assert isinstance(self.at, float)

@@ -41,10 +41,13 @@ def main(argv: list[str] | None = None) -> int:
     from gcs_bridge.viewer.piped import PipedViewer
 
     selected = {"settings": load_settings("default"), "dialect": "all", "sysid": None, "from_s": None, "to_s": None}
-    shown = Replay(paths=[Path(options.path)], selected=selected, quiet=True)
+    path = Path(options.path)
+    shown = Replay(paths=[path], selected=selected, quiet=True)
+    # Of a folder all files are to be drawn into one recording, named after it: two flights would lie over each other.
+    is_in_folder = options.application_id != path.stem and options.recording_id != options.opened_recording_id
     with PipedViewer(
-        application_id=options.application_id,
-        recording_id=options.recording_id,
+        application_id=None if is_in_folder else options.application_id,
+        recording_id=None if is_in_folder else options.recording_id,
         prefix=options.entity_path_prefix,
     ) as viewer:
         try:
@@ -63,8 +66,8 @@ def _options(argv: list[str]) -> Namespace:
     parser.add_argument("--application-id", help="whose recording it is to be")
     parser.add_argument("--recording-id", help="which recording it is to be")
     parser.add_argument("--entity-path-prefix", default="", help="the entity below which all is drawn")
-    for unused in ("--opened-application-id", "--opened-recording-id"):
-        parser.add_argument(unused, help="what the viewer has open; not used")
+    parser.add_argument("--opened-recording-id", help="which recording the viewer has open")
+    parser.add_argument("--opened-application-id", help="whose recording that is; not used")
     parser.add_argument("--static", action="store_true", help="not used: a flight has times")
     for unused in ("--time_sequence", "--time_duration_nanos", "--time_timestamp_nanos"):
         parser.add_argument(unused, action="append", help="not used: a flight has times of its own")

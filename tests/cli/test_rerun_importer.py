@@ -70,7 +70,8 @@ def test_rerun_itself_shows_what_replay_shows(replayed: Drawn, tmp_path: Path) -
 def test_what_rerun_hands_over_is_kept_to(replayed: Drawn, tmp_path: Path) -> None:
     """Application, recording, and the entity below which all lies; what it does not need it takes, too."""
     path = tmp_path / "a.rrd"
-    handed = ["--application-id", "app", "--recording-id", "rec", "--opened-application-id", "x"]
+    handed = ["--application-id", "app", "--recording-id", "rec"]
+    handed += ["--opened-application-id", "app", "--opened-recording-id", "rec"]
     handed += ["--entity-path-prefix", "/flights/one", "--time_sequence", "frame=7", "--sequence", "frame=7"]
     imported(path, *handed, "--something-new", "1")
     drawn = Drawn(path)
@@ -79,6 +80,15 @@ def test_what_rerun_hands_over_is_kept_to(replayed: Drawn, tmp_path: Path) -> No
     assert all(entity.startswith("/flights/one") for entity in drawn.entities() - {"/__properties"})
     at_us, _ = drawn.rows(f"/flights/one{BODY}", TURN)
     assert at_us.tolist() == replayed.rows(BODY, TURN)[0].tolist()
+
+
+@pytest.mark.slow
+def test_flights_of_one_folder_do_not_lie_over_each_other(tmp_path: Path) -> None:
+    """Rerun would have all files of a folder in one recording, that is named after it."""
+    imported(tmp_path / "a.rrd", "--application-id", "folder", "--recording-id", "rec")
+    drawn = Drawn(tmp_path / "a.rrd")
+    assert drawn.names == ["gcs-bridge-c-copter-4hz-tlog"]
+    assert drawn.ids != ["rec"]
 
 
 def test_other_files_are_left_to_others_before_anything_is_loaded(tmp_path: Path) -> None:
