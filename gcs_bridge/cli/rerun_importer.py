@@ -44,7 +44,8 @@ def main(argv: list[str] | None = None) -> int:
     path = Path(options.path)
     shown = Replay(paths=[path], selected=selected, quiet=True)
     # Of a folder all files are to be drawn into one recording, named after it: two flights would lie over each other.
-    is_in_folder = options.application_id != path.stem and options.recording_id != options.opened_recording_id
+    alone = (path.stem, path.stem.replace(".", "_"))  # as rerun calls what is opened by itself
+    is_in_folder = options.application_id not in alone and options.recording_id != options.opened_recording_id
     with PipedViewer(
         application_id=None if is_in_folder else options.application_id,
         recording_id=None if is_in_folder else options.recording_id,
