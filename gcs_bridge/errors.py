@@ -7,7 +7,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-__all__ = ["GcsBridgeError", "SourceError", "UsageError", "one_line"]
+__all__ = ["INCOMPATIBLE", "GcsBridgeError", "SourceError", "UsageError", "one_line"]
+
+INCOMPATIBLE = 66
+"""What `rerun-importer-tlog` ends with for a file of another kind: rerun's EXTERNAL_IMPORTER_INCOMPATIBLE_EXIT_CODE."""
 
 
 class GcsBridgeError(Exception):

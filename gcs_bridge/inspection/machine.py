@@ -5,16 +5,20 @@ from __future__ import annotations
 import os
 import platform
 import shutil
+import subprocess
 import sys
+import sysconfig
 from collections.abc import Callable
 from importlib import import_module, metadata, util
 from pathlib import Path
 
 from gcs_bridge import cache
+from gcs_bridge.errors import INCOMPATIBLE
 from gcs_bridge.inspection.schema import MachinePart
 
 __all__ = ["machine"]
 _IMPORTER = "rerun-importer-tlog"
+_PATIENCE_S = 10.0  # for a program to end that has nothing to do
 _GROUPS = ("dialout", "uucp")  # whose members may use serial devices, by distribution
 
 
@@ -26,7 +30,7 @@ def machine() -> dict[str, MachinePart]:
 def _looked_at(look: Callable[[], MachinePart]) -> MachinePart:
     try:
         return look()
-    except (OSError, ImportError, metadata.PackageNotFoundError) as error:
+    except (OSError, ImportError, subprocess.TimeoutExpired, metadata.PackageNotFoundError) as error:
         return MachinePart(state="unknown", text=f"cannot be looked at: {error}")
 
 
@@ -63,18 +67,20 @@ def _viewer() -> MachinePart:
 
 
 def _importer() -> MachinePart:
-    """By which rerun's own viewer opens recordings: it looks for it among the programs."""
+    """By which rerun's own viewer opens recordings: it looks for it among the programs, and so is it tried here."""
     found = shutil.which(_IMPORTER)
-    if found is not None:
-        return MachinePart(state="good", text=f"{_IMPORTER} is {found}: rerun opens recordings by themselves")
-    scripts = {one.name for one in metadata.distribution("gcs-bridge").entry_points}
-    if _IMPORTER not in scripts:
-        return MachinePart(
-            state="absent", text=f"this version has no {_IMPORTER}; 'gcs-bridge replay' shows recordings"
-        )
-    folder = Path(sys.executable).parent
-    text = f"{_IMPORTER} is not among the programs of PATH, where rerun looks for it"
-    return MachinePart(state="mend", text=text, command=f'export PATH="{folder}:$PATH"')
+    if found is None:
+        folder = Path(sysconfig.get_path("scripts"))
+        if shutil.which(_IMPORTER, path=folder) is None:
+            again = f"{Path(sys.executable).name} -m pip install --force-reinstall --no-deps gcs-bridge"
+            return MachinePart(state="mend", text=f"{_IMPORTER} is not installed", command=again)
+        text = f"{_IMPORTER} is not among the programs of PATH, where rerun looks for it"
+        return MachinePart(state="mend", text=text, command=f'export PATH="{folder}:$PATH"')
+    tried = subprocess.run([found, os.devnull], capture_output=True, timeout=_PATIENCE_S, check=False)  # noqa: S603
+    if (code := tried.returncode) != INCOMPATIBLE:
+        text = f"{found} does not work (exit code {code}): it may be another version's"
+        return MachinePart(state="mend", text=text, command=f"{found} {os.devnull}")
+    return MachinePart(state="good", text=f"{_IMPORTER} is {found}: rerun opens recordings by themselves")
 
 
 def _groups() -> MachinePart:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -86,9 +86,15 @@ def check_file(
 
 def feed(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, after: Callable[[int], None]) -> None:
     """Give `monitor` a recording to its end, and `sinks` what is told; `after` each chunk is told the bytes so far."""
+    for done in steps(chunks, monitor, sinks):
+        after(done)
+
+
+def steps(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks) -> Iterator[int]:
+    """The same chunk by chunk, for who does something in between: each time the bytes so far."""
     for scan in ahead(monitor.scan([chunk]) for chunk in chunks):
         sinks.events(monitor.judge(scan))
-        after(scan.scanned.done)
+        yield scan.scanned.done
     sinks.events(monitor.finish())
 
 

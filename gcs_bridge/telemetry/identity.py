@@ -6,11 +6,15 @@ from typing import NamedTuple
 
 
 class VehicleId(NamedTuple):
-    """One vehicle; `link` is None on the first link that was opened, and on a recording: alone, it needs no name."""
+    """One vehicle; `link` is None on the first link that was opened, and on a recording: alone, it needs no name.
+
+    `recording` is the name of its recording where several are shown side by side.
+    """
 
     link: int | None
     sysid: int
     compid: int
+    recording: str | None = None
 
     @property
     def address(self) -> tuple[int, int]:
@@ -19,10 +23,11 @@ class VehicleId(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Unique among all links, fit for ids, paths and file names.
+        """Unique among all links and recordings, fit for ids, paths and file names.
 
-        >>> VehicleId(None, 1, 1).name, VehicleId(2, 1, 1).name
-        ('1.1', 'link2-1.1')
+        >>> VehicleId(None, 1, 1).name, VehicleId(2, 1, 1).name, VehicleId(None, 1, 1, "before").name
+        ('1.1', 'link2-1.1', 'before-1.1')
         """
         of_link = "" if self.link is None else f"link{self.link}-"
-        return f"{of_link}{self.sysid}.{self.compid}"
+        of_recording = "" if self.recording is None else f"{self.recording}-"
+        return f"{of_recording}{of_link}{self.sysid}.{self.compid}"

@@ -6,7 +6,7 @@ It draws what was judged, and must not judge: limits come with what they were ap
 
 from __future__ import annotations
 
-from gcs_bridge.viewer.base import Viewer, ViewerSink, ViewerSpec
+from gcs_bridge.viewer.base import Beside, Viewer, ViewerSink, ViewerSpec
 from gcs_bridge.viewer.open import open_viewer
 
-__all__ = ["Viewer", "ViewerSink", "ViewerSpec", "open_viewer"]
+__all__ = ["Beside", "Viewer", "ViewerSink", "ViewerSpec", "open_viewer"]

@@ -23,8 +23,9 @@ from gcs_bridge.events import (
 )
 from gcs_bridge.report.wording import difference
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.viewer.rows import Shown, instant_of
+from gcs_bridge.viewer.rows import Shown
 from gcs_bridge.viewer.scene import path_of
+from gcs_bridge.viewer.times import instant_of
 
 __all__ = ["AlarmText"]
 

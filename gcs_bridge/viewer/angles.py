@@ -18,8 +18,9 @@ import rerun as rr
 from gcs_bridge.columns import Floats, Mask
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.palette import GREY
-from gcs_bridge.viewer.rows import Rows, Times, broken_at_wraps
+from gcs_bridge.viewer.rows import Rows, broken_at_wraps
 from gcs_bridge.viewer.scene import ANGLES, Part, path_of
+from gcs_bridge.viewer.times import Times
 
 __all__ = ["POLE_DEG", "AngleLines", "angle_parts"]
 

@@ -6,16 +6,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Self
 
 from gcs_bridge.errors import UsageError
 from gcs_bridge.sinks.base import Sink
 
-__all__ = ["FORMS", "SUFFIX", "WRITTEN", "Say", "Viewer", "ViewerOptions", "ViewerSink", "ViewerSpec"]
+if TYPE_CHECKING:  # none is needed to open a viewer
+    from gcs_bridge.events import Event
+
+__all__ = ["FORMS", "SUFFIX", "UTC", "WRITTEN", "Beside", "Say", "Viewer", "ViewerOptions", "ViewerSink", "ViewerSpec"]
 
 Say = Callable[[str], None]
 
 SUFFIX = ".rrd"
+UTC = "utc"
+"""The timeline of receive times."""
 # The kinds of viewer, and how each is asked for; `viewer.open.OPENERS` opens them.
 WRITTEN = {"auto": "auto", "native": "native", "web": "web", "save": f"save:FILE{SUFFIX}", "none": "none"}
 *_FIRST, _LAST = WRITTEN.values()
@@ -45,6 +50,19 @@ class ViewerSpec:
         return cls(kind, Path(name))
 
 
+@dataclass(frozen=True)
+class Beside:
+    """One of several recordings that are shown side by side: `label` tells its vehicles from the others'.
+
+    They meet on `timeline`, a name that all of them share: receive time, `UTC`, or the time since `zero`: an event of
+    this one, a receive time (µs since 1970), or None: what is drawn of it first.
+    """
+
+    label: str
+    timeline: str
+    zero: Event | int | None = None
+
+
 @dataclass(frozen=True, kw_only=True)
 class ViewerOptions:
     """How a viewer is to be opened, whatever its kind.
@@ -63,8 +81,8 @@ class ViewerOptions:
 class ViewerSink(Sink):
     """Takes what is told of one link session or recording. This one draws nothing; the others draw it."""
 
-    def finish(self, at: Literal["alarm"] | int | None = None) -> bool:
-        """Nothing follows: lay the whole out, around `at` if given: the first alarm, or a receive time (µs since 1970).
+    def finish(self, at: Event | int | None = None) -> bool:
+        """Nothing follows: lay the whole out, around `at` if given: an event's time, or a receive time (µs since 1970).
 
         Returns whether there was such a moment.
         """
@@ -80,9 +98,13 @@ class Viewer:
     kind: str = "none"
     stays: bool = False
 
-    def recording(self, name: str) -> ViewerSink:  # noqa: ARG002  # subclasses name it
-        """Where one link session, or one file, is drawn."""
-        return ViewerSink()
+    def recording(self, name: str) -> ViewerSink:
+        """Where one link session, or one file, is drawn; a viewer shows one, or several side by side, but once."""
+        return self.recordings(name, [None])[0]
+
+    def recordings(self, name: str, several: Sequence[Beside | None]) -> list[ViewerSink]:  # noqa: ARG002  # of kinds that draw
+        """Where each of several is drawn that are shown side by side as `name`; None: it is alone."""
+        return [ViewerSink() for _ in several]
 
     def close(self) -> None:
         """Write out or hand over what is under way; a second call does nothing."""

@@ -23,8 +23,9 @@ from gcs_bridge.events import AlarmCleared, AlarmEvent, DiagnosisMade
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.pairing.neighbours import in_order
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.viewer.rows import Instant, Rows, Shown, Times, instant_of, pair_times
+from gcs_bridge.viewer.rows import Rows, Shown
 from gcs_bridge.viewer.scene import ARC_M, AXIS_M, Part, corrected_parts, ghost_parts, path_of
+from gcs_bridge.viewer.times import Instant, Times, instant_of, pair_times
 
 __all__ = ["Apart", "undoing"]
 _ARC_POINTS = 17

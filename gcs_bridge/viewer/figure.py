@@ -16,7 +16,7 @@ from gcs_bridge.judging.observation import Observation
 from gcs_bridge.pairing.references import ImuWithAttitude
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.samples import Ahrs2Samples, AttitudeSamples, finite
-from gcs_bridge.viewer.rows import Rows, Times
+from gcs_bridge.viewer.rows import Rows
 from gcs_bridge.viewer.scene import (
     FIELD_M,
     MOST_RATE_M,
@@ -30,6 +30,7 @@ from gcs_bridge.viewer.scene import (
     source_parts,
     unturned_parts,
 )
+from gcs_bridge.viewer.times import Times
 
 __all__ = ["Figure", "New"]
 

@@ -19,8 +19,9 @@ import rerun as rr
 from gcs_bridge.columns import Floats
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.palette import EULER, Colour
-from gcs_bridge.viewer.rows import Rows, Times
+from gcs_bridge.viewer.rows import Rows
 from gcs_bridge.viewer.scene import Part, path_of
+from gcs_bridge.viewer.times import Times
 
 __all__ = ["HALF_HEIGHT_DEG", "Horizon", "horizon_parts", "horizon_poses"]
 

@@ -36,8 +36,9 @@ from gcs_bridge.mavlink.modes import mode_name
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.statements import ModeSet
 from gcs_bridge.viewer.palette import ALARM, NOT_YET, OK, UNKNOWN, WARNING, Colour
-from gcs_bridge.viewer.rows import Instant, Shown, instant_of
+from gcs_bridge.viewer.rows import Shown
 from gcs_bridge.viewer.scene import path_of
+from gcs_bridge.viewer.times import Instant, instant_of
 
 __all__ = ["Lanes"]
 

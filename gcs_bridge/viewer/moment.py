@@ -8,8 +8,10 @@ import rerun as rr
 
 from gcs_bridge.errors import UsageError
 from gcs_bridge.judging.alarm_windows import AlarmWindow
+from gcs_bridge.viewer.drawing import new_recording
 from gcs_bridge.viewer.saved import FLUSH_S, GATHER
-from gcs_bridge.viewer.sink import RerunSink, new_recording
+from gcs_bridge.viewer.sink import RerunSink
+from gcs_bridge.viewer.world import World
 
 __all__ = ["save_moment"]
 
@@ -21,7 +23,7 @@ def save_moment(moment: AlarmWindow, name: str, path: Path) -> None:
         recording.set_sinks(rr.FileSink(path))
     except RuntimeError as error:
         raise UsageError(f"cannot write {path}: {error}") from None
-    sink = RerunSink(recording, live=False, gather=GATHER)
+    sink = RerunSink(World(recording, live=False), gather=GATHER)
     for observation in moment.observations:
         sink.observe(observation)
     sink.events(moment.events)

@@ -9,8 +9,9 @@ import numpy as np
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.judging.dead_reckoning import MotionSamples, MotionTracker
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.viewer.rows import PLOT_HOLD_US, Rows, Times, broken_at_wraps
+from gcs_bridge.viewer.rows import PLOT_HOLD_US, Rows, broken_at_wraps
 from gcs_bridge.viewer.scene import DOWN_M, MOTION, path_of
+from gcs_bridge.viewer.times import Times
 
 __all__ = ["MotionLines"]
 

@@ -17,9 +17,10 @@ from gcs_bridge.viewer.angles import AngleLines, angle_parts
 from gcs_bridge.viewer.horizon import Horizon, horizon_parts
 from gcs_bridge.viewer.lanes import Lanes
 from gcs_bridge.viewer.palette import Colour
-from gcs_bridge.viewer.rows import Rows, Shown, Times, pair_times
+from gcs_bridge.viewer.rows import Rows, Shown
 from gcs_bridge.viewer.scene import DISAGREEMENT, Part, path_of
 from gcs_bridge.viewer.streams import StreamLines, rate_rows, stream_parts
+from gcs_bridge.viewer.times import Times, pair_times
 
 __all__ = ["LEAST_POWER", "Panels", "panel_parts"]
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from gcs_bridge.errors import UsageError
-from gcs_bridge.viewer.base import Say
+from gcs_bridge.viewer.base import SUFFIX, Say
 from gcs_bridge.viewer.scene import UTC
 
 __all__ = ["Page", "Window", "free_port"]
@@ -41,7 +41,8 @@ def free_port(first: int) -> int:
             with contextlib.suppress(OSError):
                 probe.bind((_HOST, port))
                 return port
-    raise UsageError(f"no free port for the viewer: {first} to {first + _PORTS_TRIED - 1} are taken")
+    taken = f"{first} to {first + _PORTS_TRIED - 1} are taken"
+    raise UsageError(f"no free port for the viewer: {taken}: end what listens there, or use save:FILE{SUFFIX}")
 
 
 class Window:
@@ -59,7 +60,7 @@ class Window:
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
-        _tell_of_failure(self.process, say, f"the window ended by a failure; its data is at {url}")
+        _tell_of_failure(self.process, say, "the window ended by a failure", f"'rerun --connect {url}' opens another")
 
     def show(self, recording_id: str, timeline: str, time_us: int) -> None:
         """Put the window's cursor to a time, as soon as it has loaded the recording so far; waits in a thread.
@@ -92,11 +93,13 @@ class Window:
 class Page:
     """The web viewer's page, served from this machine to this machine."""
 
-    def __init__(self, port: int | None, url: str, say: Say) -> None:
-        """Start the program and go on at once; if it fails, `say` is told, from another thread."""
-        arguments = ["--serve-web", "--bind", _HOST, "--web-viewer-port", str(port), url]
+    def __init__(self, port: int, url: str, say: Say) -> None:
+        """Start the programs and go on at once; if one fails, `say` is told, from another thread."""
+        other_port = free_port(port + 1)
+        arguments = ["--serve-web", "--bind", _HOST, "--web-viewer-port", str(other_port), url]
+        server = str(Path(__file__).with_name("page_server.py"))
         self._process = subprocess.Popen(  # noqa: S603  # rerun's own program
-            [sys.executable, str(Path(__file__).with_name("run_until_parent_exits.py")), *_RERUN, *arguments],
+            [sys.executable, server, str(port), str(other_port), *_RERUN, *arguments],
             env=_without_analytics(),
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
@@ -105,14 +108,18 @@ class Page:
         )
         self._closed = False
         _tell_of_failure(
-            self._process, say, f"the web viewer's page at port {port} failed", unless=lambda: self._closed
+            self._process,
+            say,
+            f"the web viewer's page at port {port} failed",
+            "start anew, or use save:FILE.rrd; the rest goes on",
+            unless=lambda: self._closed,
         )
 
     def close(self) -> None:
-        """End the page's server."""
+        """End it."""
         self._closed = True
         assert self._process.stdin is not None
-        self._process.stdin.close()  # the run_until_parent_exits's sign
+        self._process.stdin.close()  # the server's sign to end
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_END_S)
 
@@ -126,11 +133,11 @@ def _without_analytics() -> dict[str, str]:
 
 
 def _tell_of_failure(
-    process: subprocess.Popen[bytes], say: Say, what: str, unless: Callable[[], bool] = lambda: False
+    process: subprocess.Popen[bytes], say: Say, what: str, remedy: str, unless: Callable[[], bool] = lambda: False
 ) -> None:
     def wait() -> None:
         code = process.wait()
         if code and not unless():
-            say(f"viewer: {what} (exit code {code})")
+            say(f"viewer: {what} (exit code {code}): {remedy}")
 
     threading.Thread(target=wait, daemon=True).start()

@@ -1,8 +1,4 @@
-"""Rows to be drawn: what was true at n times of one boot, by entity path.
-
-Times are kept as they came: each boot of a vehicle is a clock of its own, and so a timeline of its own (`boot`,
-`boot_1`, …); the receive time is `utc`, where it is known.
-"""
+"""Rows to be drawn: what was true at n times of one boot, by entity path."""
 
 from __future__ import annotations
 
@@ -14,35 +10,17 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from gcs_bridge.columns import Columns, Floats, Int64s, record
-from gcs_bridge.events import Event
-from gcs_bridge.judging.observation import Observation
-from gcs_bridge.viewer.scene import UTC, Part, boot_timeline
+from gcs_bridge.columns import Floats
+from gcs_bridge.viewer.drawing import Drawing
+from gcs_bridge.viewer.scene import Part
+from gcs_bridge.viewer.times import Instant, Times
 
-__all__ = ["PLOT_HOLD_US", "Instant", "Rows", "Shown", "Times", "broken_at_wraps", "instant_of", "pair_times"]
+__all__ = ["PLOT_HOLD_US", "Rows", "Shown", "broken_at_wraps"]
 
 PLOT_HOLD_US = 200_000
 """A live link's plots grow five times a second: the eye sees no more, and each time costs as much as 100 rows."""
 
 Texts = npt.NDArray[np.str_]
-
-
-class Instant(NamedTuple):
-    """An instant on the clock of a boot and as received: µs, None and −1 where unknown."""
-
-    boot: int
-    t_boot_us: int | None
-    t_rx_us: int
-
-    def columns(self, n: int) -> list[rr.TimeColumn]:
-        """The times of n rows of this instant; none where neither is known."""
-        columns = []
-        if self.t_boot_us is not None:
-            boot_us = np.full(n, self.t_boot_us, "m8[us]")
-            columns.append(rr.TimeColumn(boot_timeline(self.boot), duration=boot_us))
-        if self.t_rx_us > 0:
-            columns.append(rr.TimeColumn(UTC, timestamp=np.full(n, self.t_rx_us, "M8[us]")))
-        return columns
 
 
 class Shown(NamedTuple):
@@ -51,26 +29,6 @@ class Shown(NamedTuple):
     moment: Instant
     parts: list[Part]
     static: bool = False
-
-
-@record
-class Times(Columns):
-    """When n rows were true, in one boot: (n,) each, µs, −1 where the receive time is unknown."""
-
-    t_boot_us: Int64s
-    t_rx_us: Int64s
-    boot: int
-
-    def moment(self, row: int) -> Instant:
-        """When one of them was true."""
-        return Instant(self.boot, int(self.t_boot_us[row]), int(self.t_rx_us[row]))
-
-    def columns(self, rows: Int64s) -> list[rr.TimeColumn]:
-        """The times of rows whose receive times are all known, or all unknown."""
-        columns = [rr.TimeColumn(boot_timeline(self.boot), duration=self.t_boot_us[rows].astype("m8[us]"))]
-        if self.t_rx_us[rows[0]] > 0:
-            columns.append(rr.TimeColumn(UTC, timestamp=self.t_rx_us[rows].astype("M8[us]")))
-        return columns
 
 
 @dataclass(frozen=True)
@@ -110,13 +68,13 @@ class Rows:
         ]
         return cls(times, *values)
 
-    def send(self, recording: rr.RecordingStream) -> None:
+    def send(self, recording: Drawing) -> None:
         """Draw them."""
         known = self.times.t_rx_us > 0
         for picked in (np.flatnonzero(known), np.flatnonzero(~known)):
             if not len(picked):
                 continue
-            columns = self.times.columns(picked)
+            columns = self.times.columns(picked, recording.aligned)
             for path, xyzw in self.attitudes.items():
                 recording.send_columns(path, columns, rr.Transform3D.columns(quaternion=xyzw[picked]))
             for path, numbers in self.numbers.items():
@@ -145,16 +103,3 @@ def broken_at_wraps(times: Times, angle_deg: Floats, before_deg: float, beyond_d
     t_boot_us, t_rx_us = (np.insert(t_us, across, t_us[across] - 1) for t_us in (times.t_boot_us, times.t_rx_us))
     broken = Times(boot=times.boot, t_boot_us=t_boot_us, t_rx_us=t_rx_us)
     return broken, np.insert(angle_deg, across, np.nan)
-
-
-def instant_of(event: Event) -> Instant:
-    """When an event was."""
-    boot_s, utc = event.boot_s, event.utc
-    received = -1 if utc is None else int(np.datetime64(utc.removesuffix("Z"), "us").astype(np.int64))
-    return Instant(event.boot or 0, None if boot_s is None else round(boot_s * 1e6), received)
-
-
-def pair_times(observation: Observation) -> Times:
-    """When each pair was true, and known: a pair is known when the sample comes that completes it."""
-    pairs = observation.pairs
-    return Times(t_boot_us=pairs.t_boot_us, t_rx_us=pairs.t_rx_us, boot=observation.segment.boot)

@@ -6,16 +6,17 @@ killed process leaves is FILE.partial.rrd, which `rerun` reads as well: all but 
 
 from __future__ import annotations
 
-import subprocess
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
 import rerun as rr
 
 from gcs_bridge.errors import GcsBridgeError, UsageError
-from gcs_bridge.viewer.base import SUFFIX, Viewer, ViewerSink
-from gcs_bridge.viewer.sink import RerunSink, new_recording
+from gcs_bridge.viewer.base import SUFFIX, Beside, Viewer, ViewerSink
+from gcs_bridge.viewer.drawing import new_recording
+from gcs_bridge.viewer.sink import RerunSink, sinks_of
+from gcs_bridge.viewer.world import world_of
 
 __all__ = ["FLUSH_S", "GATHER", "SavedViewer"]
 
@@ -24,29 +25,29 @@ GATHER = 64  # rows: each piece costs 1 kB more in the file, and 0.2 kB of memor
 
 
 class SavedViewer(Viewer):
-    """Writes each recording to a file of its own, and at the end makes them one."""
+    """Writes what is drawn to a file."""
 
     kind = "save"
 
     def __init__(self, path: Path, *, live: bool) -> None:
         """Touch nothing yet: a file appears with the first recording."""
         self._path = path
+        self._part = path.with_suffix(f".partial{SUFFIX}")
         self._live = live
         self._refused = False
-        self._open: list[tuple[RerunSink, rr.RecordingStream, Path]] = []
+        self._recording: rr.RecordingStream | None = None
+        self._sinks: list[RerunSink] = []
 
-    def recording(self, name: str) -> ViewerSink:
-        """Where one link session, or one file, is drawn; `links`: the names by which events call the links."""
-        number = len(self._open) + 1
-        part = self._path.with_suffix(f".partial{'' if number == 1 else number}{SUFFIX}")
+    def recordings(self, name: str, several: Sequence[Beside | None]) -> list[ViewerSink]:
+        """Where each of several is drawn that are shown side by side as `name`; None: it is alone."""
         recording = new_recording(name, live=self._live)
         try:
-            recording.set_sinks(rr.FileSink(part))
+            recording.set_sinks(rr.FileSink(self._part))
         except RuntimeError as error:
             raise UsageError(f"cannot write {self._path}: {error}") from None
-        sink = RerunSink(recording, live=self._live, gather=GATHER)
-        self._open.append((sink, recording, part))
-        return sink
+        self._recording = recording
+        self._sinks = sinks_of(world_of(recording, several, live=self._live), several, gather=GATHER)
+        return list(self._sinks)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -56,30 +57,17 @@ class SavedViewer(Viewer):
 
     def close(self) -> None:
         """Give the file its name; what was refused leaves none."""
-        parts = [part for *_, part in self._open]
-        for sink, recording, _ in self._open:
+        recording, self._recording = self._recording, None
+        if recording is None:
+            return
+        for sink in self._sinks:
             sink.flush()
-            recording.flush(timeout_sec=FLUSH_S)
-            recording.disconnect()
-        self._open = []
+        recording.flush(timeout_sec=FLUSH_S)
+        recording.disconnect()
         if self._refused:
-            for part in parts:
-                part.unlink(missing_ok=True)
+            self._part.unlink(missing_ok=True)
             return
         try:
-            if len(parts) > 1:  # one file can hold several recordings, but only rerun's own tool puts them together
-                _merge(parts)
-            for part in parts[:1]:
-                part.replace(self._path)
-            for part in parts[1:]:
-                part.unlink()
-        except (OSError, subprocess.CalledProcessError) as error:
-            raise UsageError(f"cannot write {self._path}: {error}") from None
-
-
-def _merge(parts: list[Path]) -> None:
-    """All recordings into the first file."""
-    merged = parts[0].with_suffix(f".merged{SUFFIX}")
-    command = [sys.executable, "-m", "rerun_cli", "rrd", "merge", *map(str, parts), "-o", str(merged)]
-    subprocess.run(command, check=True, capture_output=True)  # noqa: S603  # rerun's own program
-    merged.replace(parts[0])
+            self._part.replace(self._path)
+        except OSError as error:
+            raise UsageError(f"cannot write {self._path}: {error.strerror}") from None

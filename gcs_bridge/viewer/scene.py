@@ -44,6 +44,7 @@ import rerun as rr
 from gcs_bridge.columns import Floats
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.airframes import Airframe, airframe_of, shape_of
+from gcs_bridge.viewer.base import UTC
 from gcs_bridge.viewer.compass import horizon, rose
 from gcs_bridge.viewer.palette import EULER as _EULER
 from gcs_bridge.viewer.palette import QUATERNION as _QUATERNION
@@ -83,7 +84,6 @@ __all__ = [
 Part = tuple[str, rr.AsComponents]
 State = Literal["compared", "not compared", "warning", "alarm"]
 
-UTC = "utc"
 ANGLES = ("roll", "pitch", "yaw")
 
 _RED, _GREEN, _BLUE = (230, 70, 60), (70, 200, 80), (70, 130, 255)

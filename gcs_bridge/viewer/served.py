@@ -11,15 +11,18 @@ import contextlib
 import os
 import threading
 import time
+from collections.abc import Sequence
 from typing import Literal
 from urllib.parse import quote
 
 import rerun as rr
 
 from gcs_bridge.viewer import processes
-from gcs_bridge.viewer.base import Viewer, ViewerOptions, ViewerSink
+from gcs_bridge.viewer.base import Beside, Viewer, ViewerOptions, ViewerSink
+from gcs_bridge.viewer.drawing import new_recording
 from gcs_bridge.viewer.pace import Pace
-from gcs_bridge.viewer.sink import RerunSink, new_recording
+from gcs_bridge.viewer.sink import sinks_of
+from gcs_bridge.viewer.world import world_of
 
 __all__ = ["ServedViewer"]
 
@@ -32,12 +35,12 @@ _LAST_LOOK_S = 0.2  # for a viewer to fetch what came last, before the server go
 
 
 class ServedViewer(Viewer):
-    """Serves recordings to a native viewer, started here, or to the web viewer's page, served here."""
+    """Serves what is drawn to a native viewer, started here, or to the web viewer's page, served here."""
 
     stays = True
 
     def __init__(self, kind: Literal["native", "web"], options: ViewerOptions, *, why: str = "") -> None:
-        """Find free ports. The server starts with the first recording, and with it the window or the page's server.
+        """Find free ports. The server starts with what is drawn, and with it the window or the page's server.
 
         `why` goes before the page's address.
         """
@@ -48,7 +51,7 @@ class ServedViewer(Viewer):
         self._memory_limit = options.server_memory_limit or _HISTORY[options.live]
         self._port = processes.free_port(_DATA_PORT)
         self._web_port = processes.free_port(_WEB_PORT) if kind == "web" else None
-        self._recordings: list[rr.RecordingStream] = []
+        self._recording: rr.RecordingStream | None = None
         self._page: processes.Page | None = None
         self._window: processes.Window | None = None
         self._pace: Pace | None = None
@@ -63,33 +66,30 @@ class ServedViewer(Viewer):
         """The web viewer's page."""
         return f"http://{_HOST}:{self._web_port}/?url={quote(self.url, safe='')}&hide_welcome_screen"
 
-    def recording(self, name: str) -> ViewerSink:
-        """Where one link session, or one file, is drawn; `links`: the names by which events call the links."""
-        recording = new_recording(name, live=self._live)
-        first = not self._recordings
-        self._recordings.append(recording)
-        if not first:
-            recording.set_sinks(rr.GrpcSink(self.url))  # a sender to our own server, which is always there
-            return RerunSink(recording, live=self._live, window=self._window)
+    def recordings(self, name: str, several: Sequence[Beside | None]) -> list[ViewerSink]:
+        """Where each of several is drawn that are shown side by side as `name`; None: it is alone."""
+        recording = self._recording = new_recording(name, live=self._live)
         recording.set_sinks(rr.GrpcServerSink(_HOST, self._port, server_memory_limit=self._memory_limit))
         if self.kind == "native":
             self._window = processes.Window(self.url, self._say)
             self._say("viewer: a window opens")
         else:
+            assert self._web_port is not None
             self._page = processes.Page(self._web_port, self.url, self._say)
             self._say(f"viewer: {self._why}open {self.page_url}{self._from_afar()}")
         if self._live:
             self._pace = Pace(recording, self._say)
-        return RerunSink(recording, live=self._live, window=self._window, pace=self._pace)
+        world = world_of(recording, several, live=self._live, window=self._window)
+        return list(sinks_of(world, several, pace=self._pace))
 
     def close(self) -> None:
         """Hand over what is under way and end the server; a window stays, with what it has got."""
-        recordings, self._recordings = self._recordings, []
+        recording, self._recording = self._recording, None
         if self._pace is not None:
             self._pace.end()
-        if recordings:
+        if recording is not None:
             done = threading.Event()
-            threading.Thread(target=_hand_over, args=(recordings, done), daemon=True).start()
+            threading.Thread(target=_hand_over, args=(recording, done), daemon=True).start()
             if not done.wait(_END_S):  # a viewer that reads too slowly is not waited for
                 rr.unregister_shutdown()  # which would wait for it, too
         if self._page is not None:
@@ -103,12 +103,10 @@ class ServedViewer(Viewer):
         return f" (from your own machine: ssh {tunnels} …)"
 
 
-def _hand_over(recordings: list[rr.RecordingStream], done: threading.Event) -> None:
+def _hand_over(recording: rr.RecordingStream, done: threading.Event) -> None:
     """Let viewers have what is under way, and end the server; for as long as one of them reads slowly, it goes on."""
-    for recording in reversed(recordings):  # the first one's is the server
-        with contextlib.suppress(Exception):  # by rerun, where it took too long; the next call waits for it
-            recording.flush(timeout_sec=_FLUSH_S)
+    with contextlib.suppress(Exception):  # by rerun, where it took too long; the next call waits for it
+        recording.flush(timeout_sec=_FLUSH_S)
     time.sleep(_LAST_LOOK_S)
-    for recording in reversed(recordings):
-        recording.disconnect()
+    recording.disconnect()
     done.set()

@@ -5,10 +5,8 @@ Attitudes are drawn as sent, never normalised.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from textwrap import wrap
-from typing import Literal
 
 import numpy as np
 import rerun as rr
@@ -30,21 +28,21 @@ from gcs_bridge.sinks.event_lines import event_line
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer import scene
-from gcs_bridge.viewer.base import ViewerSink
+from gcs_bridge.viewer.base import Beside, ViewerSink
 from gcs_bridge.viewer.disagreement import Apart
+from gcs_bridge.viewer.drawing import Drawing
 from gcs_bridge.viewer.figure import Figure, New
-from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.motion_lines import MotionLines
 from gcs_bridge.viewer.pace import Pace
-from gcs_bridge.viewer.panels import Panels, panel_parts
-from gcs_bridge.viewer.processes import Window
-from gcs_bridge.viewer.rows import PLOT_HOLD_US, Instant, Rows, Shown, Times, instant_of, pair_times
-from gcs_bridge.viewer.scene import UTC, Legend, Source, boot_timeline, path_of
+from gcs_bridge.viewer.panels import Panels
+from gcs_bridge.viewer.rows import PLOT_HOLD_US, Rows, Shown
+from gcs_bridge.viewer.scene import UTC, Source, boot_timeline, path_of
+from gcs_bridge.viewer.times import Aligned, Instant, Times, instant_of, pair_times
+from gcs_bridge.viewer.world import World
 
-__all__ = ["RerunSink", "new_recording"]
+__all__ = ["RerunSink", "sinks_of"]
 
 
-_TICK_S = 0.02  # so long rerun gathers a live link's events; samples are gathered already, and go at once
 _HOLD_US = 35_000  # what is drawn of a live link grows some 20 times a second: each time costs as much as 100 rows
 
 _LINE = 76  # signs of an event that are seen beside plots; what is longer goes on below
@@ -60,17 +58,6 @@ _LEVELS = {
         ("alarm_pending", "no_compare", "stream_stale", "reboot", "clock_step", "estimator_reset", "damage"), "WARN"
     ),
 }
-
-
-def new_recording(name: str, *, live: bool) -> rr.RecordingStream:
-    """A recording of its own. Each has its own layout too, which rerun keeps by application: so `name` is in that."""
-    config = rr.ChunkBatcherConfig(flush_tick=_TICK_S) if live else None
-    application = re.sub(r"[^A-Za-z0-9]+", "-", f"gcs-bridge {name}").strip("-")  # no other sign is allowed
-    recording = rr.RecordingStream(application, batcher_config=config)
-    recording.send_recording_name(name.encode("utf-8", "backslashreplace").decode())  # a file's may be undecodable
-    recording.set_log_time_enabled(False)  # when it was drawn is of no interest
-    recording.set_log_tick_enabled(False)
-    return recording
 
 
 class _Vehicle:
@@ -103,37 +90,35 @@ class _Held:
 
 
 class RerunSink(ViewerSink):
-    """Draws one link session, or one file, into a rerun recording."""
+    """Draws one link session, or one file, into a world."""
 
     def __init__(
         self,
-        recording: rr.RecordingStream,
+        world: World,
         *,
-        live: bool,
+        label: str | None = None,
+        aligned: Aligned | None = None,
         gather: int = 1,
-        window: Window | None = None,
         pace: Pace | None = None,
     ) -> None:
-        """Draw the empty world. `live`: the newest is followed; else the whole is laid out, by `finish`.
+        """`label`: by which its vehicles are told from those of others in the world; `aligned`: where it meets them.
 
-        `gather`: rows to be drawn at a time, where nobody waits for the newest. `window`: its cursor is moved.
-        `pace`: whether who looks on keeps up; else samples are left out.
+        `gather`: rows to be drawn at a time, where nobody waits for the newest. `pace`: whether who looks on keeps up;
+        else samples are left out.
         """
-        self._rec = recording
-        self._live = live
+        self._world = world
+        self._rec = Drawing(world.recording, aligned=aligned, prefix=world.prefix)
+        self._label = label
+        live = self._live = world.live
         self._gather = gather
         self._holds = live and gather == 1  # plots, not attitudes
         self._held: dict[VehicleId, _Held] = {}
         self._waiting: dict[tuple[int | str, ...], list[Rows]] = {}
-        self._window = window
         self._pace = pace
         self._vehicles: dict[VehicleId, _Vehicle] = {}
         self._first: Instant | None = None
         self._latest_rx_us = -1
         self._boots: set[int] = set()
-        self._alarm: Instant | None = None
-        self._legend: set[Legend] = set()  # what has been drawn
-        self._draw(scene.world_parts())
 
     def observe(self, observation: Observation) -> None:
         """Draw samples and their comparison: of a live link some twenty times a second, else at once."""
@@ -158,7 +143,7 @@ class RerunSink(ViewerSink):
         observations, held.observations = held.observations, []
         if not observations:
             return
-        key = observations[0].vehicle
+        key = self._key(observations[0].vehicle)
         segments = [one.segment for one in observations]
         sources: dict[Source, list[AttitudeSamples]] = {
             "euler": [segment.euler for segment in segments if len(segment.euler)],
@@ -198,24 +183,24 @@ class RerunSink(ViewerSink):
         moment = instant_of(event)
         if moment.t_boot_us is None and moment.t_rx_us < 0:
             moment = moment._replace(t_rx_us=self._latest_rx_us)
-        self._set_time(moment)
+        self._rec.set_time(moment)
         level = _LEVELS.get(event.name, "INFO")
         if isinstance(event, AlarmRaised) and event.severity == "warning":
             level = "WARN"
-        lines = wrap(event_line(event), _LINE, subsequent_indent=_INDENT)
-        path = path_of(vehicle_of(event), "events") if event.vehicle else "link/events"
+        said = event_line(event) if self._label is None else f"{self._label}  {event_line(event)}"
+        lines = wrap(said, _LINE, subsequent_indent=_INDENT)
+        path = path_of(self._key(vehicle_of(event)), "events") if event.vehicle else "link/events"
         levels = [level, *[_GOES_ON] * (len(lines) - 1)]
-        if times := moment.columns(len(lines)):
+        if times := moment.columns(len(lines), self._rec.aligned):
             self._rec.send_columns(path, times, rr.TextLog.columns(text=lines, level=levels))
         if not event.vehicle:
             return
-        key = vehicle_of(event)
+        key = self._key(vehicle_of(event))
         vehicle = self._vehicle(key)
         self._show(vehicle.panels.hear(event))
-        self._set_time(moment)
+        self._rec.set_time(moment)
         if isinstance(event, AlarmRaised):
             vehicle.raised[event.id] = event.severity
-            self._alarm = self._alarm or moment
             self._state(key, vehicle.state)
         elif isinstance(event, AlarmCleared):
             vehicle.raised.pop(event.id, None)
@@ -231,27 +216,18 @@ class RerunSink(ViewerSink):
             if vehicle.silent:
                 self._show(vehicle.apart.silent(moment))
 
-    def finish(self, at: Literal["alarm"] | int | None = None) -> bool:
-        """Lay the whole out, around the first alarm or a receive time if `at` asks for it."""
+    def finish(self, at: Event | int | None = None) -> bool:
+        """Lay the whole out, around an event's time or a receive time if `at` asks for it."""
         self.close()
-        moment = self._alarm if at == "alarm" else None if at is None else self._at(at)
-        if moment is None:
-            self._lay_out()
-            return at is None
-        timeline, time_us = self._timeline(), moment.t_rx_us
-        if timeline != UTC:
-            assert moment.t_boot_us is not None
-            time_us = moment.t_boot_us
-        self._lay_out(time_us)
-        if self._window is not None:
-            self._rec.flush(timeout_sec=5.0)
-            self._window.show(str(self._rec.get_recording_id()), timeline, time_us)
-        return True
+        moment = None if at is None else self._at(at) if isinstance(at, int) else instant_of(at)
+        where = None if moment is None else self._where(moment)
+        self._world.lay_out(*(where or (self._timeline(),)))
+        return at is None or where is not None
 
     def finish_moment(self, t_boot_us: int) -> None:
         """Nothing follows, and all was around this time of the only boot: lay it out so that it opens there."""
         self.close()
-        self._lay_out(t_boot_us, at_end=True)
+        self._world.lay_out(self._timeline(), t_boot_us, at_end=True)
 
     def close(self) -> None:
         """Draw what waits for more: none will come."""
@@ -269,15 +245,16 @@ class RerunSink(ViewerSink):
                 Rows.joined(waiting).send(self._rec)
                 waiting.clear()
 
+    def _key(self, vehicle: VehicleId) -> VehicleId:
+        """By which a vehicle of this recording is known in the world."""
+        return vehicle if self._label is None else vehicle._replace(recording=self._label)
+
     def _vehicle(self, key: VehicleId) -> _Vehicle:
         vehicle = self._vehicles.get(key)
         if vehicle is None:
-            self._draw(scene.vehicle_parts(key, len(self._vehicles)))
-            self._draw(panel_parts(key))
-            vehicle = self._vehicles[key] = _Vehicle(key, len(self._vehicles))
-            self._draw(scene.world_parts(len(self._vehicles), self._legend))  # the more, the further away
+            vehicle = self._vehicles[key] = _Vehicle(key, self._world.add(key))
             if self._live:
-                self._lay_out()
+                self._world.lay_out(self._timeline())
         return vehicle
 
     def _draw_attitude(self, key: VehicleId, vehicle: _Vehicle, source: str, samples: AttitudeSamples) -> None:
@@ -288,7 +265,7 @@ class RerunSink(ViewerSink):
             self._first = times.moment(0)
         self._boots.add(times.boot)
         if not self._vehicle(key).named:  # nor has anything been said of it yet
-            self._set_time(times.moment(0))
+            self._rec.set_time(times.moment(0))
             self._name(key, None)
         self._latest_rx_us = max(self._latest_rx_us, int(times.t_rx_us.max()))
         rpy_rad = attitude.rpy_from_quaternion(samples.q_nb) if samples.rpy_rad is None else samples.rpy_rad
@@ -304,7 +281,7 @@ class RerunSink(ViewerSink):
             judged = np.flatnonzero(one.disagreement.judged)
             if len(judged) and boot not in vehicle.compared:
                 vehicle.compared.add(boot)
-                self._set_time(pair_times(one).moment(int(judged[0])))
+                self._rec.set_time(pair_times(one).moment(int(judged[0])))
                 self._state(key, "compared")
         self._draw_each(vehicle.panels.compare(observations))
 
@@ -315,14 +292,15 @@ class RerunSink(ViewerSink):
             if lines is None and flight.imu is None:
                 return
             if lines is None:
-                self._draw(scene.motion_parts(key))
-                self._draw_legend({"down"})
+                self._world.draw(scene.motion_parts(key))
+                self._world.draw_legend({"down"})
+                self._world.moves(key)
             else:
                 self._draw_each(lines.flush())
             lines, first = MotionLines(key, boot), lines is None
             vehicle.motion = lines
             if first and self._live:
-                self._lay_out()
+                self._world.lay_out(self._timeline())
         self._draw_each(lines.feed(flight))
 
     def _draw_each(self, several: Iterable[Rows | Shown | New]) -> None:
@@ -332,8 +310,8 @@ class RerunSink(ViewerSink):
             elif isinstance(one, Shown):
                 self._show([one])
             else:
-                self._draw(one.parts)
-                self._draw_legend(one.names)
+                self._world.draw(one.parts)
+                self._world.draw_legend(one.names)
 
     def _draw_rows(self, rows: Rows) -> None:
         """Draw rows now, or with those that follow."""
@@ -348,17 +326,9 @@ class RerunSink(ViewerSink):
             Rows.joined(waiting).send(self._rec)
             waiting.clear()
 
-    def _set_time(self, moment: Instant) -> None:
-        """The time of what is logged next."""
-        self._rec.reset_time()
-        if moment.t_boot_us is not None:
-            self._rec.set_time(boot_timeline(moment.boot), duration=np.timedelta64(moment.t_boot_us, "us"))
-        if moment.t_rx_us > 0:
-            self._rec.set_time(UTC, timestamp=np.datetime64(moment.t_rx_us, "us"))
-
     def _show(self, several: Iterable[Shown]) -> None:
         for shown in several:
-            self._set_time(shown.moment)
+            self._rec.set_time(shown.moment)
             for path, archetype in shown.parts:
                 self._rec.log(path, archetype, static=shown.static)
 
@@ -370,27 +340,25 @@ class RerunSink(ViewerSink):
         self._vehicle(key).named = True
         self._rec.log(path_of(key, "body", "name"), scene.name_tag(key, state))
 
-    def _draw(self, parts: Iterable[scene.Part]) -> None:
-        for path, archetype in parts:
-            self._rec.log(path, archetype, static=True)
-
-    def _draw_legend(self, names: Collection[Legend]) -> None:
-        """Name what is drawn for the first time."""
-        if not self._legend.issuperset(names):
-            self._legend.update(names)
-            self._draw(scene.world_parts(len(self._vehicles), self._legend))
-
     def _timeline(self) -> str:
         """The clock to show things by: a boot's where there is but one, else the common one, if it is known."""
+        if self._world.timeline is not None:
+            return self._world.timeline
         alone = len(self._vehicles) <= 1 and len(self._boots) <= 1
         if self._latest_rx_us > 0 and (self._live or not alone):
             return UTC
         return UTC if self._live and self._first is None else boot_timeline(min(self._boots, default=0))
 
-    def _lay_out(self, around_us: int | None = None, *, at_end: bool = False) -> None:
-        vehicles = {key: vehicle.motion is not None for key, vehicle in self._vehicles.items()}
-        shown = layout(vehicles, self._timeline(), live=self._live, around_us=around_us, at_end=at_end)
-        self._rec.send_blueprint(shown)
+    def _where(self, moment: Instant) -> tuple[str, int] | None:
+        """A moment on the timeline that things are shown by, µs; None: it is unknown there."""
+        timeline, time_us = self._timeline(), moment.t_boot_us
+        if self._rec.aligned is not None:
+            time_us = self._rec.aligned.at(moment)
+        elif timeline == UTC:
+            time_us = moment.t_rx_us if moment.t_rx_us > 0 else None
+        else:
+            timeline = boot_timeline(moment.boot)
+        return None if time_us is None else (timeline, time_us)
 
     def _at(self, t_rx_us: int) -> Instant | None:
         """A receive time as a moment of the first vehicle's first boot; None where it is past the end, or unknown."""
@@ -398,3 +366,23 @@ class RerunSink(ViewerSink):
         if first is None or first.t_rx_us <= 0 or first.t_boot_us is None or t_rx_us > self._latest_rx_us:
             return None
         return Instant(first.boot, max(first.t_boot_us + t_rx_us - first.t_rx_us, 0), t_rx_us)
+
+
+def sinks_of(
+    world: World, several: Sequence[Beside | None], *, gather: int = 1, pace: Pace | None = None
+) -> list[RerunSink]:
+    """What draws each of several recordings side by side into a world; None: it is alone."""
+
+    def sink_of(one: Beside | None) -> RerunSink:
+        label = None if one is None else one.label
+        return RerunSink(world, label=label, aligned=_aligned(one), gather=gather, pace=pace)
+
+    return [sink_of(one) for one in several]
+
+
+def _aligned(one: Beside | None) -> Aligned | None:
+    if one is None or one.timeline == UTC:
+        return None
+    if isinstance(one.zero, int):
+        return Aligned(one.timeline, Instant(0, None, one.zero))
+    return Aligned(one.timeline, None if one.zero is None else instant_of(one.zero))

@@ -20,8 +20,9 @@ from gcs_bridge.telemetry.batches import BootSegment
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.viewer.palette import EULER, GREY, LEVEL_AXES, QUATERNION
-from gcs_bridge.viewer.rows import Rows, Times
+from gcs_bridge.viewer.rows import Rows
 from gcs_bridge.viewer.scene import Part, path_of
+from gcs_bridge.viewer.times import Times
 
 __all__ = ["STREAM_PANELS", "StreamLines", "rate_rows", "stream_parts"]
 

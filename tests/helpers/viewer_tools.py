@@ -52,6 +52,7 @@ class Drawn:
             reader = RrdReader(path)
             recordings = reader.recordings()
             self.names = [entry.application_id for entry in recordings]
+            self.ids = [entry.recording_id for entry in recordings]
             self._chunks = list(reader.stream(store=recordings[0]))
 
     def rows(self, entity: str, component: str, timeline: str = "boot") -> tuple[NDArray[np.int64], list[Any]]:
@@ -71,12 +72,37 @@ class Drawn:
         times, values = self.rows(entity, component, timeline)
         return times, np.array([value[0] for value in values])
 
+    def fixed(self, entity: str, component: str) -> list[Any]:
+        """The values of a component that never changes, in the order in which they were written."""
+        batches = [chunk.to_record_batch() for chunk in self._chunks if chunk.is_static and chunk.entity_path == entity]
+        return [
+            value for one in batches if component in one.schema.names for value in one.column(component).to_pylist()
+        ]
+
     def static(self) -> set[str]:
         """Entities with a part that never changes."""
         return {chunk.entity_path for chunk in self._chunks if chunk.is_static}
 
+    def entities(self) -> set[str]:
+        """All that something is drawn of."""
+        return {chunk.entity_path for chunk in self._chunks}
+
     def timelines(self) -> set[str]:
         return {name for chunk in self._chunks for name in chunk.timeline_names}
+
+
+def time_panel(path: Path) -> dict[str, Any]:
+    """What the layout of a .rrd says of its time: by which timeline, from when to when, whether it plays."""
+    from rerun.chunk import RrdReader
+
+    reader = RrdReader(path)
+    found: dict[str, Any] = {}
+    for chunk in reader.stream(store=reader.blueprints()[-1]):
+        if chunk.entity_path == "/time_panel":
+            batch = chunk.to_record_batch()
+            names = [name for name in batch.schema.names if name.startswith("TimePanelBlueprint:")]
+            found |= {name.partition(":")[2]: batch.column(name).to_pylist()[-1][0] for name in names}
+    return found
 
 
 def drawn(data: bytes, path: Path, *, pieces: int = 1) -> tuple[Drawn, list[dict[str, Any]]]:
@@ -143,10 +169,10 @@ class Headless:
 
         return eventually(loaded)
 
-    def go_to(self, boot_us: int) -> None:
+    def go_to(self, time_us: int, timeline: str = "boot") -> None:
         """Put the cursor to the time of a sample."""
-        self.client.set_time("boot", duration=np.timedelta64(boot_us, "us"), play_state="paused")
-        self._at_ns = boot_us * 1000
+        self.client.set_time(timeline, duration=np.timedelta64(time_us, "us"), play_state="paused")
+        self._at_ns = time_us * 1000
 
     def edge(self, entity: str) -> dict[str, Any]:
         """How the viewer places `entity` in its parent, at the cursor."""

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sysconfig
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -349,6 +350,34 @@ def test_kernels_that_are_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     part = examined().told["machine"]["kernels"]
     assert (part["state"], part["command"]) == ("mend", "gcs-bridge demo --viewer none --duration 3")
     assert part["text"].startswith("0 of ")
+
+
+@pytest.mark.parametrize(
+    ("ends_with", "state", "words"),
+    [(66, "good", "rerun opens recordings by themselves"), (1, "mend", "does not work (exit code 1)")],
+)
+def test_the_importer_is_tried(
+    ends_with: int, state: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is in order if it leaves a file that is none of ours to others."""
+    program = tmp_path / "rerun-importer-tlog"
+    program.write_text(f"#!/bin/sh\nexit {ends_with}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    part = examined().told["machine"]["importer"]
+    assert part["state"] == state
+    assert words in part["text"]
+
+
+def test_an_importer_that_is_not_on_the_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it lies is told, as what to type; where it does not lie either, how it comes there."""
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setattr(sysconfig, "get_path", lambda _: str(tmp_path))
+    part = examined().told["machine"]["importer"]
+    assert (part["state"], "pip install" in part["command"]) == ("mend", True)
+    (tmp_path / "rerun-importer-tlog").touch(0o755)
+    part = examined().told["machine"]["importer"]
+    assert (part["state"], part["command"]) == ("mend", f'export PATH="{tmp_path}:$PATH"')
 
 
 # --- the text --------------------------------------------------------------------------------------------------------

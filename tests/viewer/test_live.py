@@ -20,7 +20,7 @@ def test_events_of_a_live_link_are_drawn_at_their_vehicle(tmp_path: Path) -> Non
         uris = [f"udpin:127.0.0.1:{port}" for port in ports]
         assert main(["listen", *uris, "--duration", "1.5", "--viewer", f"save:{path}", "-q"]) == 0
     drawn = Drawn(path)
-    entities = {chunk.entity_path for chunk in drawn._chunks}
+    entities = drawn.entities()
     assert {entity.split("/")[2] for entity in entities if entity.startswith("/vehicle/")} == {"1.1", "link1-1.1"}
     for vehicle in ("1.1", "link1-1.1"):
         assert len(drawn.rows(f"/vehicle/{vehicle}/body/quaternion", "Transform3D:quaternion")[0]) > 10

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from gcs_bridge.cli import main
-from gcs_bridge.cli.replay import _Pace
+from gcs_bridge.cli.replay_run import _Clock, _Pace
 from gcs_bridge.errors import UsageError
-from gcs_bridge.viewer import ViewerSpec
+from gcs_bridge.viewer import ViewerSpec, processes
 from gcs_bridge.viewer.base import WRITTEN
 from gcs_bridge.viewer.open import OPENERS
 from gcs_bridge.viewer.processes import free_port
@@ -135,6 +135,32 @@ def test_a_taken_port_is_passed_over() -> None:
         assert free_port(taken) > taken
 
 
+def test_no_free_port_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line, before anything is read."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        taken = listener.getsockname()[1]
+        monkeypatch.setattr(processes, "_PORTS_TRIED", 1)
+        with pytest.raises(UsageError, match=rf"{taken} to {taken} are taken: end what listens there, or use save:"):
+            free_port(taken)
+
+
+def test_a_page_whose_port_is_taken_meanwhile_is_told() -> None:
+    """Whoever was quicker: it is one line that says what to do, and nothing else ends."""
+    said: list[str] = []
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        taken = listener.getsockname()[1]
+        page = processes.Page(taken, "rerun+http://127.0.0.1:1/proxy", said.append)
+        eventually(lambda: said)
+        page.close()
+    (line,) = said
+    assert f"page at port {taken} failed" in line
+    assert "start anew, or use save:FILE.rrd" in line
+
+
 def test_a_viewer_that_reads_too_slowly_is_not_waited_for_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """The server goes on handing over for as long as somebody reads; who ends the program does not wait for that."""
     import rerun
@@ -154,7 +180,7 @@ def test_a_viewer_that_reads_too_slowly_is_not_waited_for_in_the_end(monkeypatch
     monkeypatch.setattr(rerun, "unregister_shutdown", lambda: unregistered.append(True))
     viewer = open_viewer("web", say=pytest.fail, live=True)
     assert isinstance(viewer, served.ServedViewer)
-    viewer._recordings = [Slow()]  # type: ignore[list-item]
+    viewer._recording = Slow()  # type: ignore[assignment]
     viewer.close()
     assert not read.is_set()
     assert unregistered == [True]
@@ -238,7 +264,8 @@ def test_a_paced_replay_keeps_the_recording_s_time() -> None:
             self.now_s += seconds
 
     clock = Clock()
-    pace = _Pace(clock, 2.0, now_s=lambda: clock.now_s, sleep=clock.sleep)  # type: ignore[arg-type]  # asks no more
+    due = _Clock(2.0, now_s=lambda: clock.now_s, sleep=clock.sleep)
+    pace = _Pace(clock, due)  # type: ignore[arg-type]  # asks no more
     for span_s in (0.01, 0.02, 0.03):
         clock.span_s = span_s
         pace.keep()

@@ -7,8 +7,10 @@ import pytest
 
 from gcs_bridge import Monitor
 from gcs_bridge.viewer import pace
+from gcs_bridge.viewer.drawing import new_recording
 from gcs_bridge.viewer.pace import Pace
-from gcs_bridge.viewer.sink import RerunSink, new_recording
+from gcs_bridge.viewer.sink import RerunSink
+from gcs_bridge.viewer.world import World
 from tests.helpers import wire
 from tests.helpers.live_links import wait_until
 from tests.helpers.viewer_tools import Drawn
@@ -50,7 +52,7 @@ def test_samples_are_left_out_and_drawn_again(tmp_path: Path) -> None:
     kept: Any = Kept()
     recording = new_recording("pace", live=True)
     recording.save(tmp_path / "pace.rrd")
-    sink = RerunSink(recording, live=True, pace=kept)
+    sink = RerunSink(World(recording, live=True), pace=kept)
     monitor = Monitor(observer=sink.observe)
     flight = wire.flight(wire.Motion(3.0), 3.0)
     first_us = flight[0][0]

@@ -23,7 +23,9 @@ from gcs_bridge.events import AlarmCleared, AlarmEvent, AlarmRaised, head
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer import open_viewer
-from gcs_bridge.viewer.sink import RerunSink, new_recording
+from gcs_bridge.viewer.drawing import new_recording
+from gcs_bridge.viewer.sink import RerunSink
+from gcs_bridge.viewer.world import World
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
 from tests.helpers.viewer_tools import Drawn, drawn, eventually, verify
@@ -207,7 +209,7 @@ def test_live_attitudes_come_at_once_and_plots_soon(tmp_path: Path) -> None:
     path, told = tmp_path / "live.rrd", []
     recording = new_recording("by hand", live=True)
     recording.save(path)
-    sink = RerunSink(recording, live=True)
+    sink = RerunSink(World(recording, live=True))
     monitor = Monitor(observer=sink.observe)
     data = (FIXTURES / "b_copter_acro.tlog").read_bytes()[:120_000]
     for at in range(0, len(data), 600):
@@ -299,16 +301,6 @@ def test_vehicles_stand_side_by_side(tmp_path: Path) -> None:
     for system in (1, 2):
         assert len(recording.rows(f"/vehicle/{system}.1/body/euler", "Transform3D:quaternion", "utc")[0]) > 200
     assert {"/vehicle/1.1/body", "/vehicle/2.1/body", "/", "/axes"} <= recording.static()
-
-
-def test_several_recordings_become_one_file(tmp_path: Path) -> None:
-    """Each file is a recording of its own in it, and the parts are gone."""
-    path = tmp_path / "a.rrd"
-    files = [str(FIXTURES / f"{name}.tlog") for name in ("c_copter_4hz", "g_mavlink1")]
-    assert main(["replay", *files, "--viewer", f"save:{path}", "-q"]) == 0
-    verify(path)
-    assert sorted(Drawn(path).names) == ["gcs-bridge-c-copter-4hz-tlog", "gcs-bridge-g-mavlink1-tlog"]
-    assert [entry.name for entry in tmp_path.iterdir()] == ["a.rrd"]
 
 
 @pytest.mark.slow
