@@ -70,6 +70,7 @@ def replay(
     from gcs_bridge.cli.replay_run import START, Replay
     from gcs_bridge.judging.monitor import open_dialect
     from gcs_bridge.links.loop import Stop
+    from gcs_bridge.recordings.packed import recordings_in
     from gcs_bridge.report import worst_exit_code
     from gcs_bridge.settings import load_settings
     from gcs_bridge.viewer import ViewerSpec, open_viewer
@@ -82,9 +83,10 @@ def replay(
     settings = load_settings(profile, config)
     moment = _moment(at, [check.name for check in all_checks(settings)])
     open_dialect(dialect)
+    paths = tuple(dict.fromkeys(one for path in paths for one in recordings_in(path) or [path]))
     told = None if events is None else plan_events(events, paths, others=[spec.path] if spec.path else [])
     shown = Replay(
-        paths=list(dict.fromkeys(paths)),
+        paths=list(paths),
         selected={
             "settings": settings,
             "dialect": dialect,
