@@ -80,7 +80,7 @@ def exponentials(v: Array) -> Array:
 
 def logarithms(q: Array) -> Array:
     size = np.linalg.norm(q[:, 1:], axis=-1, keepdims=True)
-    return np.copysign(2.0 * np.arctan2(size, np.abs(q[:, :1])) / size, q[:, :1]) * q[:, 1:]
+    return np.asarray(np.copysign(2.0 * np.arctan2(size, np.abs(q[:, :1])) / size, q[:, :1]) * q[:, 1:])
 
 
 def cases(rows: int) -> list[Case]:
@@ -125,7 +125,7 @@ def numbers(result: object) -> Array:
     if array.shape[-1:] != (4,):
         return array
     largest = np.take_along_axis(array, np.abs(array).argmax(axis=-1)[..., None], axis=-1)
-    return array * np.sign(largest)
+    return np.asarray(array * np.sign(largest))
 
 
 def best_s(calls: list[Call], times: int) -> list[float]:

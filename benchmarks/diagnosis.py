@@ -33,6 +33,7 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 import numpy as np
+from scipy.spatial.transform import Slerp
 
 import gcs_bridge
 from gcs_bridge import Monitor, diagnosis
@@ -226,10 +227,10 @@ def _begins_s(healthy: oracle.Sent, sent: oracle.Sent) -> float:
 def _shows_s(sent: oracle.Sent, fault: str) -> oracle.Array:
     """When the fault shows, by SciPy: times at which the limit is exceeded."""
     if fault == "quaternion_unnormalised":
-        return sent.t_quaternion_s[np.abs(np.linalg.norm(sent.wxyz, axis=1) - 1) > 1e-2]
+        return np.asarray(sent.t_quaternion_s[np.abs(np.linalg.norm(sent.wxyz, axis=1) - 1) > 1e-2])
     t_s, splined_deg = oracle.disagreement(sent)
-    _, angle_deg = oracle.disagreement(sent, oracle.Slerp)
-    return t_s[np.minimum(splined_deg, angle_deg) > LIMIT_DEG]
+    _, angle_deg = oracle.disagreement(sent, Slerp)
+    return np.asarray(t_s[np.minimum(splined_deg, angle_deg) > LIMIT_DEG])
 
 
 def _onset_s(shows_s: oracle.Array, raised_s: float) -> float:

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks import COMPARED
 from benchmarks.make_recording import (
-    COMPARED,
     FLIGHT,
     HEADER_BYTES,
     STAMP_BYTES,
@@ -102,4 +102,4 @@ def _stamps_us(out: Bytes, loop: Loop) -> Ints:
 
 
 def _four(data: Bytes, places: Ints) -> Bytes:
-    return data[places[:, None] + np.arange(4)]
+    return np.asarray(data[places[:, None] + np.arange(4)])

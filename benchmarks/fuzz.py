@@ -118,8 +118,8 @@ class Hostile:
         """A real frame of another payload, length, or even message, and a right checksum."""
         dice = self._dice
         frame = dice.choice(self._real)
-        msgid, payload = _opened(frame)
-        payload = bytearray(payload)
+        msgid, opened = _opened(frame)
+        payload = bytearray(opened)
         for _ in range(dice.choice((0, 1, 1, 2, 5))):
             what = dice.choice((*_SPECIAL_BYTES, dice.randbytes(dice.choice((1, 2, 4, 8)))))
             at = dice.randrange(len(payload) + 1)

@@ -66,7 +66,7 @@ def main() -> None:
     chosen = arguments.modules or modules
     if unknown := set(chosen) - set(modules):
         parser.error(f"no such module: {', '.join(sorted(unknown))}; there are {', '.join(modules)}")
-    rows = [("module", "mutants", "killed", "survived")]
+    rows: list[tuple[str, ...]] = [("module", "mutants", "killed", "survived")]
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(arguments.jobs) as pool:
         tests = [pool.submit(tested, module, Path(folder)) for module in chosen]
         for module, test in zip(chosen, tests, strict=True):

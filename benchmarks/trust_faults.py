@@ -126,7 +126,7 @@ def _begin_and_onset_s(sound: _Streams, faulty: _Streams, key: _Key, fault: str)
 def _differs(q: npt.NDArray[np.float64], sent: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """The angle between them, or how far the norm is off."""
     angle = attitude.angle_between(attitude.normalise(q), attitude.normalise(sent))
-    return np.maximum(angle, np.abs(np.linalg.norm(sent, axis=1) - 1.0))
+    return np.asarray(np.maximum(angle, np.abs(np.linalg.norm(sent, axis=1) - 1.0)))
 
 
 def _found(faulty: _Streams, key: _Key, begin_s: float, onset_s: float) -> tuple[float | None, str | None]:

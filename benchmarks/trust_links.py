@@ -188,4 +188,8 @@ _LATER = Cause(
     origin="the next instant's attitude",
 )
 _ARRIVALS = {"jitter": late, "bursts": bursts, "suspended": suspended}
-_AROUND = {"transfer": partial(transfer, instead_of=THINNED), "twice": twice, "companions": companion}
+_AROUND: dict[str, Callable[[bytes], list[RawFrame]]] = {
+    "transfer": partial(transfer, instead_of=THINNED),
+    "twice": twice,
+    "companions": companion,
+}

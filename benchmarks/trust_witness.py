@@ -114,10 +114,10 @@ class Witness:
 def covered(seen: Observation) -> Coverage:
     """How much of a boot was judged, if both attitudes came."""
     segment, judged = seen.segment, seen.disagreement.judged
-    times_us = [samples.t_boot_us[samples.valid] for samples in (segment.euler, segment.quaternion)]
-    if min(map(len, times_us)) < 2:
+    euler_us, quaternion_us = (of.t_boot_us[of.valid] for of in (segment.euler, segment.quaternion))
+    if min(len(euler_us), len(quaternion_us)) < 2:
         return Coverage()
-    shared = np.intersect1d(*times_us)
+    shared = np.intersect1d(euler_us, quaternion_us)
     same = np.intersect1d(shared, seen.pairs.t_boot_us[judged])
 
     rows = np.flatnonzero(segment.valid_attitude)
@@ -127,7 +127,7 @@ def covered(seen: Observation) -> Coverage:
     # Each step from one sample to the next lies between two judged pairs, which may not be too far apart.
     pairs_us = np.unique(np.concatenate(([-(2**60)], seen.pairs.t_boot_us[judged], [2**60])))
     before, after = np.searchsorted(pairs_us, t_us[:-1], "right") - 1, np.searchsorted(pairs_us, t_us[1:])
-    period_us = max(float(np.median(np.diff(np.unique(of)))) for of in times_us)
+    period_us = max(float(np.median(np.diff(np.unique(of)))) for of in (euler_us, quaternion_us))
     judged_step = pairs_us[after] - pairs_us[before] <= max(_LONGEST_S * 1e6, _PERIODS * period_us)
     step_s = np.diff(t_us) * 1e-6
     return Coverage(len(shared), len(same), float(step_s[is_armed].sum()), float(step_s[is_armed & judged_step].sum()))

@@ -72,9 +72,8 @@ def main() -> int:
             return 2
         different = 0
         for place, recording in enumerate(recordings):
-            found = list(
-                _compare(*(folder / _name(place, recording) for folder in folders), set(given.ignore), given.within)
-            )
+            before, after = (folder / _name(place, recording) for folder in folders)
+            found = list(_compare(before, after, set(given.ignore), given.within))
             different += bool(found)
             for line in found[:_SAID]:
                 print(f"{recording.name}: {line}")
@@ -113,7 +112,8 @@ def _compare(before: Path, after: Path, ignored: set[str], within: float) -> Ite
     for name in ("report.json", "events.jsonl"):
         texts = [(folder / name).read_text() if (folder / name).exists() else None for folder in (before, after)]
         if texts[0] != texts[1]:
-            told = list(_apart(*(_parsed(name, text) for text in texts), name, ignored, within))
+            one, other = (_parsed(name, text) for text in texts)
+            told = list(_apart(one, other, name, ignored, within))
             yield from told if told or ignored or within else [f"{name}: the bytes differ, the values do not"]
     tables = sorted({str(path.relative_to(f)) for f in (before, after) for path in f.rglob("*.parquet")})
     for name in tables:

@@ -55,7 +55,7 @@ def mistakes() -> Iterator[tuple[str, ...]]:
         first = {alarm["check"]: alarm for alarm in reversed(vehicle["alarms"])}
         alarm = first.pop("euler_quaternion", None)
         of_others = (other["diagnosis"] for other in first.values() if other["diagnosis"] is not None)
-        told = ("never", "–", "–", "–", named(next(of_others, None)))
+        told: tuple[str, ...] = ("never", "–", "–", "–", named(next(of_others, None)))
         if alarm is not None:
             after_s = datetime.fromisoformat(alarm["raised_utc"]).timestamp() - start_s - FROM_S
             sizes = (
@@ -101,7 +101,7 @@ def with_tables(page: str) -> str:
     """The page with its tables made anew, each between its two marks."""
     for name, rows in (("mistakes", mistakes()), ("link-faults", link_faults())):
         table = f"<!-- {name} -->\n\n{as_markdown(rows)}\n<!-- end -->"
-        page = re.sub(rf"<!-- {name} -->.*?<!-- end -->", lambda _, table=table: table, page, flags=re.DOTALL)
+        page = re.sub(rf"<!-- {name} -->.*?<!-- end -->", table.replace("\\", r"\\"), page, flags=re.DOTALL)
     return page
 
 
