@@ -37,7 +37,7 @@ WAY = (
     ("the mistake behind them", ("diagnosis",)),
     ("events", ("judging",)),
     ("report", ("report",)),
-    ("written and shown", ("sinks", "viewer", "evidence", "exporting")),
+    ("written and shown", ("sinks", "viewer", "evidence", "exporting", "pages")),
     ("passed on", ("sending", "metrics")),
 )
 """What is handed on, in order, and the packages that make it."""
