@@ -73,7 +73,7 @@ def layout(
         page,
         rrb.TimePanel(
             timeline=timeline,
-            play_state="following" if live or at_end else "paused" if around_us else "playing",
+            play_state="following" if live or at_end else "playing" if around_us is None else "paused",
             time_selection=None
             if around_us is None
             else rrb.components.AbsoluteTimeRange((around_us - _AROUND_US) * 1000, (around_us + _AROUND_US) * 1000),

@@ -92,9 +92,10 @@ def test_each_is_named_and_has_its_place(started: Path) -> None:
 
 
 def test_both_alarms_lie_at_zero(flights: dict[str, Path], tmp_path: Path) -> None:
-    """What was before its alarm lies before zero."""
+    """What was before its alarm lies before zero; and it can open there."""
     (tmp_path / "drawn").mkdir()
-    drawn = replayed(flights, tmp_path / "drawn", "--align", "alarm")
+    drawn = replayed(flights, tmp_path / "drawn", "--align", "alarm", "--at", "alarm")
+    assert opened_at(tmp_path / "drawn" / "a.rrd") == ("since_alarm", 0.0)
     for name, path in flights.items():
         entity = f"/vehicle/{name}-1.1/body/euler"
         (at_us, _), (boot_us, _) = drawn.rows(entity, TURN, "since_alarm"), drawn.rows(entity, TURN)
