@@ -333,7 +333,7 @@ class Ballot:
         """What a kernel is given, with room for what `samples` votes may change."""
         if self._signals_wait:
             self._give_signals()
-        needed = int(self._votes.changes[0]) + 2 * samples + len(self._votes.signal)
+        needed = self._votes.changes.item() + 2 * samples + len(self._votes.signal)
         if needed > len(self._votes.change):
             change = np.empty(2 * needed, CHANGE)
             change[: self._votes.changes[0]] = self._votes.change[: self._votes.changes[0]]

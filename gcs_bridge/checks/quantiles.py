@@ -49,8 +49,9 @@ class Quantiles:
 
     def room(self, more: int) -> Waiting:
         """Where a kernel may put down so many numbers more: they are counted some thousand at a time."""
-        taken = int(self._waiting.waiting[0])
-        if taken + more > len(self._waiting.value):
+        waiting = self._waiting
+        taken = waiting.waiting.item()
+        if taken + more > len(waiting.value):
             if taken + more > _MANY:
                 self._settle()
                 taken = 0

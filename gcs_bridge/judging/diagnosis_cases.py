@@ -34,6 +34,7 @@ _CLEAN_PAIRS = 5
 _CLEAN_RAD = math.radians(0.003)
 _RESET_NEAR_US = 2_000_000
 _RESETS_KEPT_US = 120_000_000
+_NO_ROWS = np.empty(0, np.int64)
 
 
 class Answer(NamedTuple):
@@ -123,7 +124,7 @@ class DiagnosisCases:
 
     def _window(self, case: _Case, frame_index: int, of: Question) -> dict[str, Any]:
         """What was sent from the onset on, as the doctor's window wants it."""
-        kept = self._kept.batches()
+        kept = self._kept.since(case.onset_us)
         until_us = case.onset_us + _LONGEST_US
         if of != "rates":  # these have a part in no pair
             until_us = min(until_us, _last_bad_us(kept, case.onset_us, frame_index))
@@ -140,8 +141,8 @@ class DiagnosisCases:
                 parts.append(samples[rows])
                 if parts is euler:
                     origin.append((index, rows))
-        batch = np.concatenate([np.full(len(rows), index) for index, rows in origin])
-        row = np.concatenate([rows for _, rows in origin])
+        batch = np.concatenate([_NO_ROWS, *(np.full(len(rows), index) for index, rows in origin)])
+        row = np.concatenate([_NO_ROWS, *(rows for _, rows in origin)])
         untold = [kept[index].corrected.untold[rows] for index, rows in origin]
         trims = int(np.bitwise_or.reduce(np.concatenate(untold))) if untold else 0
 
@@ -156,7 +157,7 @@ class DiagnosisCases:
             "euler": AttitudeSamples.joined(euler),
             "quaternion": AttitudeSamples.joined(quaternion),
             "attitude_of": attitude_of,
-            "clean_before": _clean_before(kept, case.onset_us),
+            "clean_before": _clean_before(self._kept.since(case.onset_us - _CLEAN_US), case.onset_us),
             "trims": tuple(name for bit, name in CAUSE_NAMES.items() if trims & bit),
             "reset": any(
                 known <= frame_index and abs(t_us - case.onset_us) < _RESET_NEAR_US for known, t_us in self._resets

@@ -1,6 +1,6 @@
 """The convention doctor is asked about each alarm that wants it: when it is raised, as it goes on, and when it goes.
 
-An answer takes some milliseconds, and rests on the frames up to that of its question, whenever it is given. Where the
+An answer takes 5 to 70 ms, and rests on the frames up to that of its question, whenever it is given. Where the
 doctor `waits`, as on live links, questions are kept until somebody has time: the news of many alarms at once waits for
 no answer. None is left open once its alarm goes.
 """

@@ -59,7 +59,7 @@ class Resets:
             return []
         events: list[tuple[int, int, int]] = []  # frame_index, stream, row: of steps at which something may happen
         for k in (0, 1):
-            if not (self._last_denied[k] or self._open[k] is not None or any_true(steps[k].contradicts_rates)):
+            if not (any_true(steps[k].contradicts_rates) or self._last_denied[k] or self._open[k] is not None):
                 continue
             denied = steps[k].contradicts_rates
             near = denied.copy()

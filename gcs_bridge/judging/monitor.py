@@ -178,7 +178,7 @@ class Monitor:
         return any(link.asked is not None for link in self._links.values())
 
     def answer(self) -> list[Event]:
-        """Have a doctor answer one open question of each link: some milliseconds each."""
+        """Have a doctor answer one open question of each link: 5 to 70 ms each."""
         return [event for link in self._links.values() for event in link.answer()]
 
     def set_clock(self, t_rx_us: int) -> None:

@@ -63,8 +63,9 @@ class SentBatch:
 
     @property
     def latest_us(self) -> int:
-        """The latest time of any sample in it."""
-        return max((int(of.t_boot_us.max()) for of in (self.euler, self.quaternion) if len(of)), default=-1)
+        """The latest time of any sample or pair in it."""
+        every = self.euler, self.quaternion, self.pairs
+        return max((int(of.t_boot_us.max()) for of in every if len(of)), default=-1)
 
     @classmethod
     def joined(cls, parts: Sequence[SentBatch]) -> SentBatch:
@@ -104,10 +105,10 @@ class Sent:
         while self._joined and self._joined[0][0] < before_us:
             self._joined.popleft()
 
-    def batches(self) -> list[SentBatch]:
-        """All that is kept, in order of arrival."""
+    def since(self, from_us: int) -> list[SentBatch]:
+        """All with something of this boot time, µs, or behind it, in order of arrival."""
         self._join()
-        return [batch for _, batch in self._joined]
+        return [batch for latest_us, batch in self._joined if latest_us >= from_us]
 
     def _join(self) -> None:
         if self._single:

@@ -26,6 +26,7 @@ from gcs_bridge.telemetry.stations import Heartbeats, Majority, is_vehicle
 from gcs_bridge.telemetry.velocity import VelocityReader
 
 _ARDUPILOT = "ardupilot"
+_AHRS2_KIND = KIND[AHRS2]
 _IMU_KINDS = [(name, KIND[name]) for name in IMU_MESSAGES]
 
 
@@ -94,8 +95,8 @@ class VehicleReader:
         self._identify(self._heartbeats.read(batch, share), segments)
         imu = self._read_imu(batch, share, timed) if share.has_any(IMU_KINDS) else {}
         counted = {name: samples.t_rx_us for name, samples in imu.items()}
-        if share.count(KIND[AHRS2]):
-            rows = batch.rows(share, KIND[AHRS2])
+        if share.count(_AHRS2_KIND):
+            rows = batch.rows(share, _AHRS2_KIND)
             counted[AHRS2] = batch.frames["t_rx_us"][rows[batch.in_window[rows]]]
         return VehicleBatch(
             frame_index=batch.frame_indices(share),
