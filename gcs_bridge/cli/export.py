@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from gcs_bridge.cli.check import refuse_times
 from gcs_bridge.cli.signing_options import key_of, signing_options
 from gcs_bridge.cli.terminal import ProgressBar, complain
+
+if TYPE_CHECKING:  # loaded when there is something to write
+    from gcs_bridge.exporting.writers import Writer
 
 __all__ = ["export"]
 
@@ -24,6 +27,7 @@ _FRAMES = ("ned_frd", "enu_flu", "enu_rfu")
     "--output", type=click.Path(path_type=Path), metavar="DIR|FILE", help="A folder for parquet and csv, else a file."
 )
 @click.option("--frame", type=click.Choice(_FRAMES), default="ned_frd", help="World and body axes.  [ned_frd]")
+@click.option("--all", "every", is_flag=True, help="Every other message too, as it was sent, in a table of its own.")
 @click.option("--sysid", type=click.IntRange(1, 255), metavar="N", help="Export this system alone.")
 @click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
 @click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
@@ -37,6 +41,7 @@ def export(
     form: str,
     output: Path | None,
     frame: str,
+    every: bool,
     sysid: int | None,
     from_s: float | None,
     to_s: float | None,
@@ -67,12 +72,22 @@ def export(
     if form == "rrd":
         if frame != "ned_frd":
             raise UsageError(f"--frame {frame}: the viewer's scene is in ned_frd alone")
+        if every:
+            raise UsageError("--all: the viewer shows no tables; give another --format")
         return _to_viewer(path, target, settings, selected, quiet=quiet)
-    return _to_tables(path, form, target, frame, settings, selected, quiet=quiet)
+    return _to_tables(path, form, target, frame, settings, selected, every=every, quiet=quiet)
 
 
 def _to_tables(
-    path: Path, form: str, target: Path, frame: str, settings: Any, selected: dict[str, Any], *, quiet: bool
+    path: Path,
+    form: str,
+    target: Path,
+    frame: str,
+    settings: Any,
+    selected: dict[str, Any],
+    *,
+    every: bool,
+    quiet: bool,
 ) -> int:
     from gcs_bridge._version import __version__
     from gcs_bridge.contract import readable
@@ -92,6 +107,8 @@ def _to_tables(
         size = path.stat().st_size if path.is_file() else 0
         with ProgressBar(total_bytes=size, enabled=not quiet) as progress:
             entry = check_file(path, settings, **selected, progress=progress, sinks=[sink])
+        if every:
+            _write_messages(path, writer, sink.rows, selected)
         writer.finish()
     finally:
         writer.discard()
@@ -99,6 +116,16 @@ def _to_tables(
         rows = ", ".join(f"{count} {name}" for name, count in sink.rows.items()) or "no rows"
         complain(f"{target}: {rows}", kind="note")
     return 0 if any(map(sends_attitude, entry.vehicles)) else 4
+
+
+def _write_messages(path: Path, writer: Writer, rows: dict[str, int], selected: dict[str, Any]) -> None:
+    """Every message of a recording, by reading it once more."""
+    from gcs_bridge.recordings.batches import iter_batches
+
+    times = {"start": selected["from_s"], "end": selected["to_s"]}
+    for batch in iter_batches(path, **times, sysid=selected["sysid"], dialect=selected["dialect"]):
+        writer.write(batch.message, batch.to_arrow())
+        rows[batch.message] = rows.get(batch.message, 0) + len(batch)
 
 
 def _to_viewer(path: Path, target: Path, settings: Any, selected: dict[str, Any], *, quiet: bool) -> int:

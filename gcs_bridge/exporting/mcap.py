@@ -19,7 +19,7 @@ from mcap.writer import Writer as McapWriter
 
 from gcs_bridge._version import __version__
 from gcs_bridge.exporting.conventions import Convention
-from gcs_bridge.exporting.tables import TABLES, Column
+from gcs_bridge.exporting.tables import TABLES
 from gcs_bridge.exporting.writers import lead_nowhere, writing
 
 __all__ = ["McapFile"]
@@ -50,7 +50,6 @@ _LOG = {
     },
 }
 _INFO, _WARNING, _ERROR = 2, 3, 4  # foxglove.LogLevel
-_TYPES = {pa.float64(): "number", pa.int64(): "integer", pa.bool_(): "boolean", pa.string(): "string"}
 _HERE = {"x": 0.0, "y": 0.0, "z": 0.0}
 
 
@@ -84,7 +83,8 @@ class McapFile:
             times_ns = self._times_ns(rows)
             if name in _TRANSFORMED:
                 self._write_transforms(f"{vehicle}/{name}", rows, times_ns)
-            topic = self._channel(f"/{vehicle}/{name}", f"gcs_bridge.{name}", _schema(name, self._frame))
+            title = f"gcs_bridge.{name}" if name in TABLES else f"mavlink.{name}"
+            topic = self._channel(f"/{vehicle}/{name}", title, _schema(title, rows.schema))
             for row, t_ns in zip(rows.to_pylist(), times_ns, strict=True):
                 self._add(topic, t_ns, self._encode({key: _finite(value) for key, value in row.items()}))
 
@@ -138,7 +138,8 @@ class McapFile:
             self._add(topic, t_ns, self._encode(said))
 
     def _times_ns(self, rows: pa.RecordBatch) -> list[int]:
-        received, boot = rows["t_rx_us"].to_pylist(), rows["t_boot_us"].to_pylist()
+        received = rows["t_rx_us"].to_pylist()
+        boot = rows["t_boot_us"].to_pylist() if "t_boot_us" in rows.schema.names else [None] * len(rows)
         times = [1000 * (t if t is not None else max(b or 0, 0)) for t, b in zip(received, boot, strict=True)]
         self._latest_ns = max(self._latest_ns, *times)
         return times
@@ -154,11 +155,22 @@ class McapFile:
         self._mcap.add_message(channel, t_ns, data, t_ns)
 
 
-def _schema(name: str, frame: Convention) -> dict[str, Any]:
+def _schema(title: str, schema: pa.Schema) -> dict[str, Any]:
     """The JSON Schema of a table's rows."""
-    columns: tuple[Column, ...] = TABLES[name][0](frame)
-    said = {one.name: {"type": _TYPES[one.type], "description": f"{one.said} [{one.unit}]"} for one in columns}
-    return {"title": f"gcs_bridge.{name}", "type": "object", "properties": said}
+    said: dict[str, Any] = {}
+    for field in schema:
+        told = field.metadata or {}
+        words = f"{told.get(b'description', b'').decode()} [{told.get(b'unit', b'').decode()}]"
+        said[field.name] = {"type": _type(field.type), "description": words.removesuffix(" []")}
+    return {"title": title, "type": "object", "properties": said}
+
+
+def _type(of: pa.DataType) -> str:
+    if pa.types.is_integer(of):
+        return "integer"
+    if pa.types.is_floating(of):
+        return "number"
+    return {pa.bool_(): "boolean", pa.string(): "string"}.get(of, "array")
 
 
 def _stamp(t_ns: int) -> dict[str, int]:
@@ -167,6 +179,8 @@ def _stamp(t_ns: int) -> dict[str, int]:
 
 def _finite(value: Any) -> Any:
     """JSON knows no NaN."""
+    if isinstance(value, list):
+        return [_finite(one) for one in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 

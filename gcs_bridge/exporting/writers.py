@@ -56,7 +56,7 @@ class _Table:
     def __init__(self, path: Path, schema: pa.Schema, open_writer: Callable[[IO[bytes], pa.Schema], Any]) -> None:
         self.path = path
         self._temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        self._schema, self._waiting, self._count = schema, list[pa.RecordBatch](), 0
+        self._waiting, self._count = list[pa.RecordBatch](), 0
         with writing(path):
             self._file = self._temporary.open("wb", buffering=0)
             try:
@@ -90,7 +90,7 @@ class _Table:
         if not self._count:
             return
         with writing(self.path):
-            self._writer.write_table(pa.Table.from_batches(self._waiting, self._schema).combine_chunks())
+            self._writer.write_table(pa.Table.from_batches(self._waiting).combine_chunks())
         self._waiting, self._count = [], 0
 
 
@@ -108,18 +108,24 @@ class TableFiles:
         """Begin all files. UsageError where the folder cannot be written to."""
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
+        self._folder, self._suffix, self._open, self._said = folder, suffix, open_writer, said
         self._tables: dict[str, _Table] = {}
         try:
             for name, (columns, _) in TABLES.items():
-                schema = schema_of(columns(frame)).with_metadata(said)
-                self._tables[name] = _Table(folder / f"{name}{suffix}", schema, open_writer)
+                self._begin(name, schema_of(columns(frame)))
         except UsageError:
             self.discard()
             raise
 
     def write(self, name: str, rows: pa.RecordBatch) -> None:
-        """Take more rows of a table."""
+        """Take more rows of a table; one that is not among `TABLES` begins with its first."""
+        if name not in self._tables:
+            self._begin(name, rows.schema)
         self._tables[name].write(rows)
+
+    def _begin(self, name: str, schema: pa.Schema) -> None:
+        path = self._folder / f"{name}{self._suffix}"
+        self._tables[name] = _Table(path, schema.with_metadata(self._said), self._open)
 
     def finish(self) -> list[Path]:
         """Complete all files."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-__all__ = ["carries_key"]
+__all__ = ["KEY_MESSAGES", "carries_key"]
+KEY_MESSAGES = ("SETUP_SIGNING",)
+"""What brings a signing key."""
 _V2 = 0xFD
 _SETUP_SIGNING = (256).to_bytes(3, "little")  # a message of version 2 alone: in version 1 ids end at 255
 

@@ -224,3 +224,15 @@ def test_a_full_disk_is_told_in_one_line(form: str, tmp_path: Path) -> None:
     assert "File too large" in ended.stderr
     assert ended.stderr.count("\n") == 1
     assert not [path for path in tmp_path.rglob("*") if path.is_file() and path.name.startswith(".")]
+
+
+def test_every_other_message_has_a_table_of_its_own(tmp_path: Path) -> None:
+    """As it was sent, in each format: pymavlink counts as many, and reads the same."""
+    assert export(TWO, tmp_path / "tables", "--all") == 0
+    table = pq.read_table(tmp_path / "tables" / "HEARTBEAT.parquet").sort_by("frame_index")
+    heartbeats = sent(TWO, "HEARTBEAT")
+    assert table["custom_mode"].to_pylist() == [one.custom_mode for one in heartbeats]
+    assert table["sysid"].to_pylist() == [one.get_srcSystem() for one in heartbeats]
+    assert export(TWO, tmp_path / "a.mcap", "--format", "mcap", "--all") == 0
+    told = [said for topic, schema, _, said in messages(tmp_path / "a.mcap") if schema == "mavlink.HEARTBEAT"]
+    assert sorted(one["frame_index"] for one in told) == sorted(table["frame_index"].to_pylist())
