@@ -27,7 +27,7 @@ from gcs_bridge.report.schema import File
 from gcs_bridge.sinks.base import Plan, Sink, Sinks
 from gcs_bridge.viewer.base import UTC, Beside, Viewer, ViewerSink
 
-__all__ = ["ALARM", "START", "Replay", "is_alarm_id", "labels_of"]
+__all__ = ["ALARM", "NO_ATTITUDE", "START", "Replay", "is_alarm_id", "labels_of"]
 
 ALARM, START = "alarm", "start"
 _TIMELINES = {START: "since_start", ALARM: "since_alarm", "utc": UTC}  # by what --align asks for
@@ -37,6 +37,7 @@ _SMOOTH_S = 0.05  # what a chunk should last
 _LONGEST_PAUSE_S = 5.0  # nobody waits for the rest of a longer one
 
 _LONGEST_LABEL = 20  # signs: it stands above the vehicle and before the title of each of its panels
+NO_ATTITUDE = 4  # the exit code
 _ATTITUDES = ("ATTITUDE", "ATTITUDE_QUATERNION")
 
 
@@ -100,9 +101,8 @@ class Replay:
             if not self.quiet:
                 to_stderr = self.events is not None and self.events.takes_stdout
                 click.echo(Report.of([one.entry]).to_text(detail=-1), nl=False, err=to_stderr)
-            codes.append(
-                0 if any(name in vehicle.streams for vehicle in one.entry.vehicles for name in _ATTITUDES) else 4
-            )
+            streams = {name for vehicle in one.entry.vehicles for name in vehicle.streams}
+            codes.append(NO_ATTITUDE if streams.isdisjoint(_ATTITUDES) else 0)
         return codes
 
     def _opened(self, stack: ExitStack) -> tuple[dict[Path, Source], list[int]]:

@@ -35,7 +35,7 @@ def main(argv: list[str] | None = None) -> int:
 
     from pathlib import Path
 
-    from gcs_bridge.cli.replay_run import Replay
+    from gcs_bridge.cli.replay_run import NO_ATTITUDE, Replay
     from gcs_bridge.cli.terminal import complain
     from gcs_bridge.settings import load_settings
     from gcs_bridge.viewer.piped import PipedViewer
@@ -52,7 +52,8 @@ def main(argv: list[str] | None = None) -> int:
         prefix=options.entity_path_prefix,
     ) as viewer:
         try:
-            return max(shown.run(viewer))
+            (code,) = shown.run(viewer)
+            return 0 if code == NO_ATTITUDE else code  # there is something to see
         except GcsBridgeError as error:
             complain(str(error))
             return error.exit_code
