@@ -11,7 +11,7 @@ so there are few, each where no other can come, and what a colour means is said 
     /                              the world's coordinates
     axes                           north, east, down
     legend                         what has been drawn so far, in its colour
-    vehicle/1.1/body               the vehicle's place in the picture (no position is known)
+    vehicle/1.1/body               where it is drawn: in a row, wherever it is; where that is, is drawn by `trail`
     vehicle/1.1/body/name          its name and state
     vehicle/1.1/body/compass/…     a rose on the ground, in the vehicle's colour, and the level at its own height
     vehicle/1.1/body/quaternion    attitude by ATTITUDE_QUATERNION: parent from child, world from body
@@ -74,6 +74,8 @@ __all__ = [
     "motion_parts",
     "name_tag",
     "path_of",
+    "place_airframe_parts",
+    "place_parts",
     "source_parts",
     "unturned_parts",
     "vehicle_parts",
@@ -236,6 +238,26 @@ def unturned_parts(key: VehicleId, place: int, vehicle_type: str) -> Iterator[Pa
         path_of(key, "body", "quaternion", "unturned"),
         rr.LineStrips3D(looks.outline, colors=[_colour(place)], radii=0.008),
     )
+
+
+def place_parts(key: VehicleId, place: int) -> Iterator[Part]:
+    """What never changes of a vehicle whose place is known; the trail has its colour, on a map too."""
+    colour, wide = _light(place), rr.Radius.ui_points(1.5)  # as wide from afar as from near
+    yield path_of(key, "plumb"), rr.LineStrips3D.from_fields(colors=_HORIZON, radii=rr.Radius.ui_points(0.7))
+    yield path_of(key, "trail"), rr.LineStrips3D.from_fields(colors=colour, radii=wide)
+    yield path_of(key, "geo", "now"), rr.GeoPoints.from_fields(colors=_colour(place), radii=rr.Radius.ui_points(7.0))
+    yield (
+        path_of(key, "geo", "trail"),
+        rr.GeoLineStrings.from_fields(colors=_colour(place), radii=rr.Radius.ui_points(3.0)),
+    )
+
+
+def place_airframe_parts(key: VehicleId, place: int, vehicle_type: str, scale: float) -> Iterator[Part]:
+    """How a vehicle looks at its place, `scale` times as large as in the other view, and its name above it."""
+    solid = path_of(key, "place", "airframe", "solid")
+    yield solid, rr.Transform3D(scale=scale)
+    yield solid, _solid(airframe_of(shape_of(vehicle_type), _colour(place)))
+    yield path_of(key, "place", "name"), _texts([(0.0, 0.0, -1.5 * scale)], [key.name], [_light(place)])
 
 
 def field_parts(key: VehicleId) -> Iterator[Part]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Sequence
-from textwrap import wrap
 from typing import Literal
 
 import numpy as np
@@ -26,12 +25,12 @@ from gcs_bridge.events import (
     vehicle_of,
 )
 from gcs_bridge.judging.observation import Observation
-from gcs_bridge.sinks.event_lines import event_line
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer import scene
 from gcs_bridge.viewer.base import ViewerSink
 from gcs_bridge.viewer.disagreement import Apart
+from gcs_bridge.viewer.event_text import text_of
 from gcs_bridge.viewer.figure import Figure, New
 from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.motion_lines import MotionLines
@@ -40,26 +39,13 @@ from gcs_bridge.viewer.panels import Panels, panel_parts
 from gcs_bridge.viewer.processes import Window
 from gcs_bridge.viewer.rows import PLOT_HOLD_US, Instant, Rows, Shown, Times, instant_of, pair_times
 from gcs_bridge.viewer.scene import UTC, Legend, Source, boot_timeline, path_of
+from gcs_bridge.viewer.trail import Origins, Trail
 
 __all__ = ["RerunSink", "new_recording"]
 
 
 _TICK_S = 0.02  # so long rerun gathers a live link's events; samples are gathered already, and go at once
 _HOLD_US = 45_000  # what is drawn of a live link grows some 20 times a second: each time costs as much as 100 rows
-
-_LINE = 76  # signs of an event that are seen beside plots; what is longer goes on below
-_INDENT = 12 * "\N{NO-BREAK SPACE}"
-_GOES_ON = "…"
-
-_LEVELS = {
-    "alarm_raised": "CRITICAL",
-    "inop": "ERROR",
-    "vehicle_lost": "ERROR",
-    "link_down": "ERROR",
-    **dict.fromkeys(
-        ("alarm_pending", "no_compare", "stream_stale", "reboot", "clock_step", "estimator_reset", "damage"), "WARN"
-    ),
-}
 
 
 def new_recording(name: str, *, live: bool) -> rr.RecordingStream:
@@ -76,8 +62,9 @@ def new_recording(name: str, *, live: bool) -> rr.RecordingStream:
 class _Vehicle:
     """What is remembered of a vehicle."""
 
-    def __init__(self, key: VehicleId, place: int) -> None:
+    def __init__(self, key: VehicleId, place: int, origins: Origins) -> None:
         self.figure = Figure(key, place)
+        self.trail = Trail(key, place, origins)
         self.named = False  # above what is drawn
         self.compared: set[int] = set()  # boots in which something could be compared
         self.silent = False  # by the latest event: there is nothing to compare
@@ -128,6 +115,7 @@ class RerunSink(ViewerSink):
         self._window = window
         self._pace = pace
         self._vehicles: dict[VehicleId, _Vehicle] = {}
+        self._origins = Origins()
         self._first: Instant | None = None
         self._latest_rx_us = -1
         self._boots: set[int] = set()
@@ -179,6 +167,7 @@ class RerunSink(ViewerSink):
                 self._draw_each(vehicle.apart.feed(one))
                 self._draw_each(vehicle.panels.observe(one))
                 self._draw_motion(key, vehicle, one)
+                self._draw_trail(vehicle, one)
             self._draw_each(vehicle.figure.others(observations))
 
     def events(self, events: Sequence[Event]) -> None:
@@ -199,12 +188,8 @@ class RerunSink(ViewerSink):
         if moment.t_boot_us is None and moment.t_rx_us < 0:
             moment = moment._replace(t_rx_us=self._latest_rx_us)
         self._set_time(moment)
-        level = _LEVELS.get(event.name, "INFO")
-        if isinstance(event, AlarmRaised) and event.severity == "warning":
-            level = "WARN"
-        lines = wrap(event_line(event), _LINE, subsequent_indent=_INDENT)
+        lines, levels = text_of(event)
         path = path_of(vehicle_of(event), "events") if event.vehicle else "link/events"
-        levels = [level, *[_GOES_ON] * (len(lines) - 1)]
         if times := moment.columns(len(lines)):
             self._rec.send_columns(path, times, rr.TextLog.columns(text=lines, level=levels))
         if not event.vehicle:
@@ -274,7 +259,7 @@ class RerunSink(ViewerSink):
         if vehicle is None:
             self._draw(scene.vehicle_parts(key, len(self._vehicles)))
             self._draw(panel_parts(key))
-            vehicle = self._vehicles[key] = _Vehicle(key, len(self._vehicles))
+            vehicle = self._vehicles[key] = _Vehicle(key, len(self._vehicles), self._origins)
             self._draw(scene.world_parts(len(self._vehicles), self._legend))  # the more, the further away
             if self._live:
                 self._lay_out()
@@ -324,6 +309,12 @@ class RerunSink(ViewerSink):
             if first and self._live:
                 self._lay_out()
         self._draw_each(lines.feed(flight))
+
+    def _draw_trail(self, vehicle: _Vehicle, observation: Observation) -> None:
+        was_known = vehicle.trail.reach is not None
+        self._draw_each(vehicle.trail.feed(observation))
+        if self._live and not was_known and vehicle.trail.reach is not None:
+            self._lay_out()
 
     def _draw_each(self, several: Iterable[Rows | Shown | New]) -> None:
         for one in several:
@@ -388,9 +379,13 @@ class RerunSink(ViewerSink):
         return UTC if self._live and self._first is None else boot_timeline(min(self._boots, default=0))
 
     def _lay_out(self, around_us: int | None = None, *, at_end: bool = False) -> None:
+        for vehicle in self._vehicles.values():
+            self._draw_each(vehicle.trail.fit())
         vehicles = {key: vehicle.motion is not None for key, vehicle in self._vehicles.items()}
-        shown = layout(vehicles, self._timeline(), live=self._live, around_us=around_us, at_end=at_end)
-        self._rec.send_blueprint(shown)
+        reaches = {key: one.trail.reach for key, one in self._vehicles.items() if one.trail.reach is not None}
+        self._rec.send_blueprint(
+            layout(vehicles, self._timeline(), live=self._live, reaches=reaches, around_us=around_us, at_end=at_end)
+        )
 
     def _at(self, t_rx_us: int) -> Instant | None:
         """A receive time as a moment of the first vehicle's first boot; None where it is past the end, or unknown."""
