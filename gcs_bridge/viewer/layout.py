@@ -46,7 +46,7 @@ _ANGLES = {
     "yaw": "yaw; grey bar below: near the pole",
 }
 _DISAGREEMENT = (
-    "disagreement, degrees: 10ʸ (−2: 0.01°, 0: 1°, 2: 100°): red angle, white limit, yellow tilt, blue heading"
+    "disagreement, degrees: 10ʸ (−2: 0.01°, 0: 1°, 2: 100°): red angle, grey limit, yellow tilt, blue heading"
 )
 _MOST_DEG = 180.0
 _AXES = {"motion/heading_deg": rrb.ScalarAxis(range=(0.0, 360.0))}

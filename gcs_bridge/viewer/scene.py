@@ -45,6 +45,7 @@ from gcs_bridge.columns import Floats
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.airframes import Airframe, airframe_of, shape_of
 from gcs_bridge.viewer.compass import horizon, rose
+from gcs_bridge.viewer.palette import ALARM, LEVEL_AXES, OK, UNKNOWN, WARNING
 from gcs_bridge.viewer.palette import EULER as _EULER
 from gcs_bridge.viewer.palette import QUATERNION as _QUATERNION
 from gcs_bridge.viewer.places import GROUND_M, NAME_AT, UNDONE_AT, place_of, written_places
@@ -88,11 +89,11 @@ State = Literal["compared", "not compared", "warning", "alarm"]
 UTC = "utc"
 ANGLES = ("roll", "pitch", "yaw")
 
-_RED, _GREEN, _BLUE = (230, 70, 60), (70, 200, 80), (70, 130, 255)
+_RED, _GREEN, _BLUE = LEVEL_AXES
 _PALE = ((255, 165, 155), (165, 240, 165), (165, 200, 255))
 _AXIS, _CORRECTED = (255, 240, 120), (150, 255, 110)
-_ACCELEROMETER, _BOUND = (235, 110, 235), (150, 150, 150)
-_AHRS2, _FIELD, _RATES = (0, 205, 150), (205, 165, 120), (240, 240, 240)
+_ACCELEROMETER, _BOUND = (190, 76, 207), (150, 150, 150)
+_AHRS2, _FIELD, _RATES = (12, 163, 127), (203, 174, 117), (240, 240, 240)
 _HORIZON = (125, 140, 155)
 
 Source = Literal["quaternion", "euler"]
@@ -107,18 +108,18 @@ LEGEND: dict[Legend, tuple[str, Colour]] = {  # in the order in which it is writ
 }
 # Of the vehicles, one after the other; told apart by people who see no red or no green, by lightness if nothing else.
 _VEHICLES: tuple[Colour, ...] = (
-    (143, 163, 181),
-    (0, 114, 178),
-    (204, 121, 167),
-    (0, 158, 115),
-    (240, 240, 230),
-    (150, 90, 40),
+    (155, 187, 213),
+    (0, 97, 158),
+    (201, 115, 153),
+    (8, 149, 94),
+    (242, 240, 230),
+    (142, 84, 36),
 )
 _STATES: dict[State, tuple[str, Colour]] = {
-    "compared": ("compared", (67, 160, 71)),
-    "not compared": ("NO COMPARE", (255, 179, 0)),
-    "warning": ("WARNING", (245, 124, 0)),
-    "alarm": ("ALARM", (229, 57, 53)),
+    "compared": ("compared", OK),
+    "not compared": ("NO COMPARE", UNKNOWN),
+    "warning": ("WARNING", WARNING),
+    "alarm": ("ALARM", ALARM),
 }
 _DISAGREEMENT = {  # in the order of drawing: colour and width
     "angle": ((239, 83, 80), 4.0),
@@ -317,4 +318,6 @@ def _solid(looks: Airframe) -> rr.Mesh3D:
 def _texts(
     places: Sequence[Point] | Floats, texts: Sequence[str], colours: Sequence[Colour], radius: float = 0.004
 ) -> rr.Points3D:
-    return rr.Points3D(places, labels=texts, colors=colours, radii=radius, show_labels=True)
+    # Light, as of a viewer whose theme is light each text stands on grey.
+    bright = [tuple((part + 255) // 2 for part in colour) for colour in colours]
+    return rr.Points3D(places, labels=texts, colors=bright, radii=radius, show_labels=True)

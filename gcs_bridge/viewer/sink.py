@@ -45,7 +45,9 @@ __all__ = ["RerunSink", "new_recording"]
 
 
 _TICK_S = 0.02  # so long rerun gathers a live link's events; samples are gathered already, and go at once
-_HOLD_US = 45_000  # what is drawn of a live link grows some 20 times a second: each time costs as much as 100 rows
+# What is drawn of a live link grows some 20 times a second, of several vehicles less often: each time costs as much as
+# 100 rows. With four of them at 50 Hz the newest sample is still no older than 100 ms.
+_HOLD_US, _HOLD_MORE_US, _HOLD_MOST_US = 45_000, 10_000, 200_000
 
 
 def new_recording(name: str, *, live: bool) -> rr.RecordingStream:
@@ -133,7 +135,8 @@ class RerunSink(ViewerSink):
             self._draw_held(held)
         held.observations.append(observation)
         now_us = int(segment.t_boot_us[-1]) if len(segment.t_boot_us) else held.drawn_us
-        if not self._live or abs(now_us - held.drawn_us) >= _HOLD_US:
+        hold_us = min(_HOLD_US + _HOLD_MORE_US * (len(self._vehicles) - 1), _HOLD_MOST_US)
+        if not self._live or abs(now_us - held.drawn_us) >= hold_us:
             held.drawn_us = now_us
             self._draw_held(held)
 

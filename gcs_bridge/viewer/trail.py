@@ -28,6 +28,7 @@ from gcs_bridge.judging.observation import Observation
 from gcs_bridge.telemetry.batches import BootSegment
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.positions import LOCAL, PositionSamples
+from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer.earth import Geodetic, Ned, TangentPlane, distance_m
 from gcs_bridge.viewer.figure import New, as_displayed
 from gcs_bridge.viewer.rows import Rows, Times
@@ -134,7 +135,7 @@ class Trail:
         self._best = len(self._messages)  # the message that is followed; the number of them: none yet
         self._plane: TangentPlane | None = None
         self._head: tuple[int, Ned, Geodetic | None] | None = None  # where the trail ends
-        self._before: list[Floats | None] = [None, None]  # the last attitudes: Euler angles', quaternion's
+        self._before: list[AttitudeSamples | None] = [None, None]  # the last attitudes: Euler angles', quaternion's
 
     def feed(self, observation: Observation) -> Iterator[New | Rows]:
         """What a batch adds."""
@@ -188,14 +189,13 @@ class Trail:
         found = np.tile(_LEVEL, (len(frame_indices), 1))
         for source, samples in enumerate((segment.euler, segment.quaternion)):  # where both are known, the latter
             valid = samples.where(samples.valid)
-            known, before = as_displayed(valid), self._before[source]
-            for i, row in enumerate((np.searchsorted(valid.frame_index, frame_indices) - 1).tolist()):
-                if row >= 0:
-                    found[i] = known[row]
-                elif before is not None:
-                    found[i] = before
+            if frame_indices:
+                before = self._before[source]
+                known = valid if before is None else before.then(valid)
+                rows = np.searchsorted(known.frame_index, frame_indices) - 1
+                found[rows >= 0] = as_displayed(known[rows[rows >= 0]])
             if len(valid):
-                self._before[source] = known[-1]
+                self._before[source] = valid[-1:]
         return found
 
     def _grow(self, places: list[Ned]) -> Iterator[New]:

@@ -321,7 +321,7 @@ def test_the_page_shows_the_same_in_a_browser() -> None:
 
             def drawn() -> bool:  # the body of the quaternion, and the outline of that of the angles
                 picture = pixels(page.screenshot())[65:285, :380]
-                solid = about(picture, (143, 163, 181), within=25).sum()
+                solid = about(picture, (155, 187, 213), within=25).sum()
                 outline = about(picture, (255, 175, 60), within=60).sum()
                 return bool(solid > 250 and outline > 100)
 
