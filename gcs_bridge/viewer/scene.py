@@ -270,7 +270,9 @@ def ghost_parts(path: str) -> Iterator[Part]:
     """What shows a disagreement, under `path`; its attitudes, axis and arc come at each instant."""
     yield f"{path}/ghost/axes", rr.LineStrips3D(_DASHES, colors=np.repeat(_PALE, _DASHES_A_AXIS, axis=0), radii=0.012)
     yield f"{path}/axis", rr.Arrows3D.from_fields(colors=_AXIS, radii=0.018)
-    yield f"{path}/arc", rr.LineStrips3D.from_fields(colors=_DISAGREEMENT["angle"][0], radii=0.016, show_labels=True)
+    # Its text has its colour.
+    colour = _as_text(_DISAGREEMENT["angle"][0])
+    yield f"{path}/arc", rr.LineStrips3D.from_fields(colors=colour, radii=0.016, show_labels=True)
 
 
 def corrected_parts(key: VehicleId, text: str) -> Iterator[Part]:
@@ -318,6 +320,10 @@ def _solid(looks: Airframe) -> rr.Mesh3D:
 def _texts(
     places: Sequence[Point] | Floats, texts: Sequence[str], colours: Sequence[Colour], radius: float = 0.004
 ) -> rr.Points3D:
-    # Light, as of a viewer whose theme is light each text stands on grey.
-    bright = [tuple((part + 255) // 2 for part in colour) for colour in colours]
-    return rr.Points3D(places, labels=texts, colors=bright, radii=radius, show_labels=True)
+    return rr.Points3D(places, labels=texts, colors=list(map(_as_text, colours)), radii=radius, show_labels=True)
+
+
+def _as_text(colour: Colour) -> Colour:
+    """A colour that can be read: light, since in a viewer whose theme is light each text stands on grey."""
+    red, green, blue = ((part + 255) // 2 for part in colour)
+    return red, green, blue

@@ -29,25 +29,25 @@ from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer import scene
 from gcs_bridge.viewer.base import ViewerSink
-from gcs_bridge.viewer.disagreement import Apart
 from gcs_bridge.viewer.event_text import text_of
-from gcs_bridge.viewer.figure import Figure, New
+from gcs_bridge.viewer.figure import New
+from gcs_bridge.viewer.followed import Followed
 from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.motion_lines import MotionLines
 from gcs_bridge.viewer.pace import Pace
-from gcs_bridge.viewer.panels import Panels, panel_parts
+from gcs_bridge.viewer.panels import panel_parts
 from gcs_bridge.viewer.processes import Window
 from gcs_bridge.viewer.rows import PLOT_HOLD_US, Instant, Rows, Shown, Times, instant_of, pair_times
 from gcs_bridge.viewer.scene import UTC, Legend, Source, boot_timeline, path_of
-from gcs_bridge.viewer.trail import Origins, Trail
+from gcs_bridge.viewer.trail import Origins
 
 __all__ = ["RerunSink", "new_recording"]
 
 
 _TICK_S = 0.02  # so long rerun gathers a live link's events; samples are gathered already, and go at once
-# What is drawn of a live link grows some 20 times a second, of several vehicles less often: each time costs as much as
-# 100 rows. With four of them at 50 Hz the newest sample is still no older than 100 ms.
-_HOLD_US, _HOLD_MORE_US, _HOLD_MOST_US = 45_000, 10_000, 200_000
+# What is drawn of a live link grows some 20 times a second: each time costs as much as 100 rows. The indicator may be
+# slower. Of several vehicles all is: with four at 50 Hz the newest attitude is still no older than 100 ms.
+_HOLD_US, _INDICATOR_HOLD_US, _MORE_EACH, _MOST = 45_000, 90_000, 0.22, 4.0
 
 
 def new_recording(name: str, *, live: bool) -> rr.RecordingStream:
@@ -59,28 +59,6 @@ def new_recording(name: str, *, live: bool) -> rr.RecordingStream:
     recording.set_log_time_enabled(False)  # when it was drawn is of no interest
     recording.set_log_tick_enabled(False)
     return recording
-
-
-class _Vehicle:
-    """What is remembered of a vehicle."""
-
-    def __init__(self, key: VehicleId, place: int, origins: Origins) -> None:
-        self.figure = Figure(key, place)
-        self.trail = Trail(key, place, origins)
-        self.named = False  # above what is drawn
-        self.compared: set[int] = set()  # boots in which something could be compared
-        self.silent = False  # by the latest event: there is nothing to compare
-        self.raised: dict[str, str] = {}  # alarms of all checks, by id: severity
-        self.motion: MotionLines | None = None
-        self.apart = Apart(key)
-        self.panels = Panels(key)
-
-    @property
-    def state(self) -> scene.State:
-        """The worst that is raised; else whether the two forms are compared."""
-        if self.raised:
-            return "alarm" if "alarm" in self.raised.values() else "warning"
-        return "not compared" if self.silent else "compared"
 
 
 class _Held:
@@ -116,7 +94,7 @@ class RerunSink(ViewerSink):
         self._waiting: dict[tuple[int | str, ...], list[Rows]] = {}
         self._window = window
         self._pace = pace
-        self._vehicles: dict[VehicleId, _Vehicle] = {}
+        self._vehicles: dict[VehicleId, Followed] = {}
         self._origins = Origins()
         self._first: Instant | None = None
         self._latest_rx_us = -1
@@ -135,10 +113,14 @@ class RerunSink(ViewerSink):
             self._draw_held(held)
         held.observations.append(observation)
         now_us = int(segment.t_boot_us[-1]) if len(segment.t_boot_us) else held.drawn_us
-        hold_us = min(_HOLD_US + _HOLD_MORE_US * (len(self._vehicles) - 1), _HOLD_MOST_US)
-        if not self._live or abs(now_us - held.drawn_us) >= hold_us:
+        if not self._live or abs(now_us - held.drawn_us) >= _HOLD_US * self._slower:
             held.drawn_us = now_us
             self._draw_held(held)
+
+    @property
+    def _slower(self) -> float:
+        """How much longer all is held than of one vehicle."""
+        return min(1.0 + _MORE_EACH * max(len(self._vehicles) - 1, 0), _MOST)
 
     def _draw_observed(self) -> None:
         for held in self._held.values():
@@ -257,18 +239,18 @@ class RerunSink(ViewerSink):
                 Rows.joined(waiting).send(self._rec)
                 waiting.clear()
 
-    def _vehicle(self, key: VehicleId) -> _Vehicle:
+    def _vehicle(self, key: VehicleId) -> Followed:
         vehicle = self._vehicles.get(key)
         if vehicle is None:
             self._draw(scene.vehicle_parts(key, len(self._vehicles)))
             self._draw(panel_parts(key))
-            vehicle = self._vehicles[key] = _Vehicle(key, len(self._vehicles), self._origins)
+            vehicle = self._vehicles[key] = Followed(key, len(self._vehicles), self._origins)
             self._draw(scene.world_parts(len(self._vehicles), self._legend))  # the more, the further away
             if self._live:
                 self._lay_out()
         return vehicle
 
-    def _draw_attitude(self, key: VehicleId, vehicle: _Vehicle, source: str, samples: AttitudeSamples) -> None:
+    def _draw_attitude(self, key: VehicleId, vehicle: Followed, source: str, samples: AttitudeSamples) -> None:
         if not len(samples):
             return
         times = Times(boot=int(samples.boot[0]), t_boot_us=samples.t_boot_us, t_rx_us=samples.t_rx_us)
@@ -284,7 +266,7 @@ class RerunSink(ViewerSink):
         self._draw_rows(Rows(times, {path_of(key, "body", source): xyzw}))
         self._draw_each(vehicle.panels.turn(source, times, rpy_rad))
 
-    def _draw_disagreement(self, key: VehicleId, vehicle: _Vehicle, observations: Sequence[Observation]) -> None:
+    def _draw_disagreement(self, key: VehicleId, vehicle: Followed, observations: Sequence[Observation]) -> None:
         if not observations:
             return
         boot = observations[0].segment.boot
@@ -296,7 +278,7 @@ class RerunSink(ViewerSink):
                 self._state(key, "compared")
         self._draw_each(vehicle.panels.compare(observations))
 
-    def _draw_motion(self, key: VehicleId, vehicle: _Vehicle, observation: Observation) -> None:
+    def _draw_motion(self, key: VehicleId, vehicle: Followed, observation: Observation) -> None:
         """Draw how the vehicle moves, from its first inertial sample on."""
         flight, boot, lines = observation.flight, observation.segment.boot, vehicle.motion
         if lines is None or lines.boot != boot:
@@ -313,7 +295,7 @@ class RerunSink(ViewerSink):
                 self._lay_out()
         self._draw_each(lines.feed(flight))
 
-    def _draw_trail(self, vehicle: _Vehicle, observation: Observation) -> None:
+    def _draw_trail(self, vehicle: Followed, observation: Observation) -> None:
         was_known = vehicle.trail.reach is not None
         self._draw_each(vehicle.trail.feed(observation))
         if self._live and not was_known and vehicle.trail.reach is not None:
@@ -333,9 +315,10 @@ class RerunSink(ViewerSink):
         """Draw rows now, or with those that follow."""
         waiting = self._waiting.setdefault((rows.times.boot, *rows.paths), [])
         waiting.append(rows)
-        if self._holds and not (rows.attitudes or rows.poses):
+        if self._holds and (rows.poses or not rows.attitudes):
+            hold_us = _INDICATOR_HOLD_US if rows.poses else PLOT_HOLD_US
             first_us, last_us = waiting[0].times.t_boot_us[0], rows.times.t_boot_us[-1]
-            enough = abs(last_us - first_us) >= PLOT_HOLD_US
+            enough = abs(last_us - first_us) >= hold_us * self._slower
         else:
             enough = sum(len(one.times) for one in waiting) >= self._gather
         if enough:
