@@ -1,6 +1,8 @@
 """Where vehicles are: places as an independent geodesy says, trails without leaps, and what costs nothing unasked."""
 
+import io
 import math
+import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -8,15 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
 
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.telemetry import positions
+from gcs_bridge.viewer import open_viewer
 from gcs_bridge.viewer.earth import TangentPlane
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
-from tests.helpers.viewer_tools import Drawn, drawn
+from tests.helpers.viewer_tools import Drawn, can_draw, drawn, eventually, has_browser
 
 Array = NDArray[np.float64]
 Place = tuple[float, float, float]
@@ -232,3 +236,46 @@ def test_nobody_looks_nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
         monitor = Monitor(observer=observer)
         monitor.feed_recording(data)
     assert read
+
+
+@pytest.mark.slow
+@can_draw
+@has_browser
+def test_no_map_is_asked_for_before_somebody_opens_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In real Chromium, with places known and the trail's tabs there: until all is drawn no tile is asked for."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="pip install playwright (no browser of its own)")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setenv("CI", "1")
+    said: list[str] = []
+    asked: list[str] = []
+    flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    flags += ["--js-flags=--no-wasm-tier-up --no-wasm-dynamic-tiering"]
+    with open_viewer("web", say=said.append) as viewer:
+        sink = viewer.recording("page")
+        monitor = Monitor(observer=sink.observe)
+        sink.events(monitor.feed_recording(flight(lambda ms: [global_position(ms, north_of_zurich(ms))], seconds=5)))
+        sink.finish()
+        (address,) = [word for word in said[0].split() if word.startswith("http")]
+        with playwright.sync_playwright() as tool:
+            browser = tool.chromium.launch(executable_path=shutil.which("chromium"), args=flags)
+            page = browser.new_page(viewport={"width": 700, "height": 450})
+
+            def route(request: Any) -> None:
+                asked.append(request.request.url)
+                if asked[-1].startswith(("http://127.0.0.1", "blob:", "data:")):
+                    request.continue_()
+                else:
+                    request.abort()
+
+            page.route("**/*", route)
+            page.goto(f"{address}&renderer=webgl&theme=dark&persist=0")
+
+            def drawn_body() -> bool:
+                picture = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)[65:285, :380]
+                return int((np.abs(picture - (155, 187, 213)).max(axis=2) <= 25).sum()) > 250
+
+            eventually(drawn_body, 120)
+            page.wait_for_timeout(3000)
+            browser.close()
+    assert any(url.startswith("http://127.0.0.1") for url in asked)
+    assert not [url for url in asked if "openstreetmap" in url or "mapbox" in url or "tile" in url]
