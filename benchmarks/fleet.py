@@ -48,9 +48,10 @@ class Flight(NamedTuple):
 class Fleet:
     """So many vehicles, of systems 1 and on; each flight is one of their `copies`."""
 
-    def __init__(self, vehicles: int, excursions: Excursions | None = None) -> None:
-        """Read what was flown."""
-        flown = [one for one in records(FLIGHT.read_bytes()) if one.message.msgname in NEEDED and one.frame[5] == 1]
+    def __init__(self, vehicles: int, excursions: Excursions | None = None, also: tuple[str, ...] = ()) -> None:
+        """Read what was flown: the messages that checks need, and others."""
+        names = (*NEEDED, *also)
+        flown = [one for one in records(FLIGHT.read_bytes()) if one.message.msgname in names and one.frame[5] == 1]
         self._loops = [
             Loop([Record(one.t_us, one.frame[:5] + bytes([1 + number]) + one.frame[6:]) for one in flown])
             for number in range(vehicles)

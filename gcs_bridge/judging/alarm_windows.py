@@ -290,4 +290,5 @@ def between(observation: Observation, first: int, end: int) -> Observation:
         flight=observation.flight.frames(first, end),
         corrected=observation.corrected.frames(first, end),
         notices=tuple(notice for notice in observation.notices if first <= notice.frame_index < end),
+        positions=observation.positions.frames(first, end),
     )

@@ -70,7 +70,9 @@ class LinkVehicle:
         self._judged = judged
         self._observer = judged.observer
         self._observed: deque[Observation] = deque(maxlen=_MOST_OBSERVED)  # and not shown yet
-        self.reader = VehicleReader(vehicle, judged.dialect, judged.settings.vehicle)
+        self.reader = VehicleReader(
+            vehicle, judged.dialect, judged.settings.vehicle, positions=judged.observer is not None
+        )
         self._judge: VehicleJudge | None = None
         self._waiting: list[Callable[[VehicleJudge], Iterable[Notice]]] = []  # for it: how it is given what came
         self._waits_since_us, self._waited_s = NEVER_US, 0  # since its last frame; NEVER: nothing had a time yet

@@ -44,11 +44,13 @@ from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.others import OfOthers
+from gcs_bridge.telemetry.positions import NO_POSITIONS
 from gcs_bridge.telemetry.samples import STREAMS, AttitudeSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
 from gcs_bridge.telemetry.stream_counts import StreamCount
 
 _MOST_RESETS = 100  # that the report lists
+_MOST_POSITIONS = 256  # that wait for a message with a time
 
 
 class VehicleJudge:
@@ -79,6 +81,7 @@ class VehicleJudge:
         self._verdicts = Verdicts(self._checks, self.alarm_manager, self._expected, self._streams, settings)
         self._untimed = Untimed()  # that the checks have not been given yet
         self._latest: list[AttitudeSamples | None] = [None, None]  # what came last of both streams
+        self._positions = NO_POSITIONS  # that nobody was shown yet
 
     def take(
         self, batch: VehicleBatch, frame_indices: Int64s, link: LinkClock, said: Sequence[OfOthers] = ()
@@ -94,12 +97,14 @@ class VehicleJudge:
             yield clock_notice(self.vehicle, change)
         yield from self._hear_others(batch, said)
         self._untimed.bring(batch)
+        self._positions = batch.positions if self._positions is NO_POSITIONS else self._positions.then(batch.positions)
         boots = {segment.boot: segment for segment in batch.segments}
         starts = {change.boot: change for change in batch.clock_changes if change.t_boot_us < 0}
         indices = sorted(batch.boots | starts.keys())
         for index in indices:
             is_last = index == indices[-1]
             yield from self._take_boot(index, boots.get(index), batch, link, starts.get(index), is_last=is_last)
+        self._positions = NO_POSITIONS if indices else self._positions[-_MOST_POSITIONS:]
         if not indices or self._untimed.has_frames:  # nothing with a time came
             yield from self.advance(link)
             yield from self._hear_more(link)
@@ -343,6 +348,7 @@ class VehicleJudge:
                     notices=tuple(in_order([*answered, *told_of])),
                     taken_back=tuple(self.alarm_manager.taken_back),
                     judged={check.name: check.judged for check in self._checks},
+                    positions=self._positions.where(self._positions.boot == boot.index),
                 )
             )
 

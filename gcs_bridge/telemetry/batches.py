@@ -13,6 +13,7 @@ import numpy as np
 from gcs_bridge.columns import Floats, FrameColumns, Int64Rows, Int64s, Mask, record
 from gcs_bridge.telemetry.clocks import ClockChange
 from gcs_bridge.telemetry.heard import HeardFrames
+from gcs_bridge.telemetry.positions import PositionSamples
 from gcs_bridge.telemetry.samples import (
     ATTITUDE,
     ATTITUDE_QUATERNION,
@@ -93,7 +94,7 @@ class VehicleBatch:
     `frame_index` are the indices of its frames, `heard` tells of those in the window; `timed`: columns of its
     `TimedMessages`, in the window or not. `counted` holds the receive times, µs,
     of messages without a boot time of their own; `imu` and `secondary` what these carry; `senders` whether they are
-    one sender's.
+    one sender's; `positions` where it was, empty unless that was asked for.
     """
 
     frame_index: Int64s
@@ -107,6 +108,7 @@ class VehicleBatch:
     secondary: Ahrs2Samples
     statements: list[Statement]
     motion: VelocityChange
+    positions: PositionSamples
 
     @property
     def boots(self) -> set[int]:

@@ -17,6 +17,7 @@ from gcs_bridge.telemetry.heard import heard_frames
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.inertial import ImuReader
 from gcs_bridge.telemetry.messages import IMU_KINDS, KIND
+from gcs_bridge.telemetry.positions import NO_POSITIONS, PositionReader
 from gcs_bridge.telemetry.samples import AHRS2, IMU_MESSAGES, AttitudeSamples, ImuSamples
 from gcs_bridge.telemetry.secondary import Ahrs2Reader
 from gcs_bridge.telemetry.senders import Senders
@@ -33,8 +34,10 @@ _IMU_KINDS = [(name, KIND[name]) for name in IMU_MESSAGES]
 class VehicleReader:
     """Reads one (system, component) of a link."""
 
-    def __init__(self, vehicle: VehicleId, dialect: Dialect, settings: VehicleSettings) -> None:
-        """Start with nothing heard."""
+    def __init__(
+        self, vehicle: VehicleId, dialect: Dialect, settings: VehicleSettings, *, positions: bool = False
+    ) -> None:
+        """Start with nothing heard; `positions`: somebody wants to know where it is."""
         self.vehicle = vehicle
         self.autopilot = "unknown"
         self.type = "unknown"
@@ -56,6 +59,7 @@ class VehicleReader:
         self._secondary = Ahrs2Reader(dialect)
         self._velocity = VelocityReader(dialect)
         self._statements = StatementReader(dialect)
+        self._positions = PositionReader(dialect) if positions else None
 
     @property
     def is_vehicle(self) -> bool:
@@ -110,6 +114,7 @@ class VehicleReader:
             secondary=self._secondary.read(batch, share, timed),
             statements=self._statements.read(batch, share, self.autopilot),
             motion=self._velocity.read(batch, share),
+            positions=self._positions.read(batch, share, timed) if self._positions else NO_POSITIONS,
         )
 
     def _read_imu(self, batch: SortedFrames, share: Share, timed: TimedMessages) -> dict[str, ImuSamples]:

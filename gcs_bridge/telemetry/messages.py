@@ -39,11 +39,12 @@ TRANSFERS = (
 )
 REQUESTS = ("REQUEST_DATA_STREAM", "COMMAND_LONG", "COMMAND_INT", "PARAM_SET")  # by which rates are asked for
 RADIOS = ("RADIO_STATUS", "RADIO")  # by which autopilots slow their streams
+POSITIONS = ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "GPS_RAW_INT")  # the best one first
 USED = (
     *TIMED,
     *(name for name in IMU_MESSAGES if name not in TIMED),
     AHRS2,
-    "LOCAL_POSITION_NED",
+    *POSITIONS,
     *STATEMENTS,
     *REQUESTS,
     *RADIOS,

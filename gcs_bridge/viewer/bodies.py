@@ -11,7 +11,10 @@ from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.places import GROUND_M, eye_of
 from gcs_bridge.viewer.scene import path_of
 
-__all__ = ["bodies_view"]
+__all__ = ["BACKGROUND", "GRID", "bodies_view"]
+
+BACKGROUND = rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=(24, 28, 34))
+GRID = (70, 80, 95, 110)
 
 
 def bodies_view(vehicles: Collection[VehicleId]) -> rrb.Spatial3DView:
@@ -19,11 +22,11 @@ def bodies_view(vehicles: Collection[VehicleId]) -> rrb.Spatial3DView:
     eye = eye_of(len(vehicles))
     unturned = [f"/{path_of(key, 'body', 'quaternion', 'unturned')}" for key in vehicles]
     return rrb.Spatial3DView(
-        name="Red: forward, green: right, blue: down",
+        name="Red nose, green right, blue down",
         origin="/",
         contents=["+ /axes/**", "+ /legend", *(f"+ /{path_of(key, 'body')}/**" for key in vehicles)],
-        background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=(24, 28, 34)),
-        line_grid=rrb.LineGrid3D(spacing=0.5, plane=rr.encodings.Plane3D((0, 0, 1), GROUND_M), color=(70, 80, 95, 110)),
+        background=BACKGROUND,
+        line_grid=rrb.LineGrid3D(spacing=0.5, plane=rr.encodings.Plane3D((0, 0, 1), GROUND_M), color=GRID),
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital, position=eye.position, look_target=eye.target, eye_up=(0, 0, -1)
         ),

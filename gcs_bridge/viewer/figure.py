@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gcs_bridge import attitude
+from gcs_bridge.columns import Floats
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.pairing.references import ImuWithAttitude
 from gcs_bridge.telemetry.identity import VehicleId
@@ -32,7 +33,7 @@ from gcs_bridge.viewer.scene import (
 )
 from gcs_bridge.viewer.times import Times
 
-__all__ = ["Figure", "New"]
+__all__ = ["Figure", "New", "as_displayed"]
 
 _LEAST_OFFSET = 0.5  # the norm from which a `repr_offset_q` is one
 _AS_IT_IS = np.array([1.0, 0.0, 0.0, 0.0])
@@ -120,8 +121,7 @@ class Figure:
             return
         if self._turned is _AS_IT_IS and not offsets.any():  # so with nearly all
             return
-        size = np.linalg.norm(offsets, axis=1)
-        asked = np.where((size >= _LEAST_OFFSET)[:, None], attitude.normalise(offsets), _AS_IT_IS)
+        asked = _asked(offsets)
         changes = np.flatnonzero((np.diff(asked, axis=0, prepend=self._turned[None]) != 0).any(axis=1))
         if not len(changes):
             return
@@ -132,6 +132,19 @@ class Figure:
         xyzw = attitude.xyzw_from_wxyz(asked[changes])
         for source in ("euler", "quaternion"):
             yield Rows(_times(samples[changes]), {path_of(self._key, "body", source, "airframe"): xyzw})
+
+
+def as_displayed(samples: AttitudeSamples) -> Floats:
+    """Attitudes as displays are to show them: unit quaternions (n, 4), world from body, turned where that is asked."""
+    q_nb = attitude.normalise(samples.q_nb)
+    offsets = samples.repr_offset_q
+    return q_nb if offsets is None or not offsets.any() else attitude.multiply(q_nb, _asked(offsets))
+
+
+def _asked(offsets: Floats) -> Floats:
+    """The turns (n, 4) that a vehicle asks displays to make: none, where it sends no quaternion."""
+    size = np.linalg.norm(offsets, axis=1)
+    return np.where((size >= _LEAST_OFFSET)[:, None], attitude.normalise(offsets), _AS_IT_IS)
 
 
 def _times(samples: AttitudeSamples) -> Times:

@@ -96,10 +96,11 @@ class _Lane:
     """One check."""
 
     def __init__(self) -> None:
-        self.shown = ""
+        self.configured = False  # how its states look has been told
         self.start_boot()
 
     def start_boot(self) -> None:
+        self.shown = ""  # on the boot's own timeline
         self.judges = False
         self.silent = ""  # or the word for it
         self.pending: set[str] = set()  # ids
@@ -180,7 +181,8 @@ class Lanes:
     def settle(self) -> Iterator[Shown]:
         """All that is to be told of what was observed has been told: show it, in order of time."""
         waiting, self._waiting = self._waiting, []
-        waiting.sort(key=lambda one: (one.moment.boot, one.moment.t_boot_us or 0))
+        # A reboot is told with the message that bears it out: what its boot judged up to then belongs behind it.
+        waiting.sort(key=lambda one: (one.moment.boot, not isinstance(one.what, Reboot), one.moment.t_boot_us or 0))
         for _, together in groupby(waiting, key=lambda one: (one.moment.boot, one.moment.t_boot_us)):
             changes = list(together)
             for change in changes:
@@ -212,7 +214,8 @@ class Lanes:
         for name, lane in self._lanes.items():
             state = lane.state(self._causes if name == EulerQuaternion.name else 0)
             if state != lane.shown:
-                if not lane.shown:
+                if not lane.configured:
+                    lane.configured = True
                     yield Shown(moment, [(self._path(name), _CONFIGURATION)], static=True)
                 lane.shown = state
                 yield Shown(moment, [(self._path(name), rr.StateChange(state=state))])

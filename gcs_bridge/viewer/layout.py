@@ -10,10 +10,12 @@ import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.viewer.bodies import bodies_view
+from gcs_bridge.viewer.bodies import BACKGROUND, bodies_view
 from gcs_bridge.viewer.horizon import HALF_HEIGHT_DEG
 from gcs_bridge.viewer.panels import LEAST_POWER
 from gcs_bridge.viewer.scene import ANGLES, path_of
+from gcs_bridge.viewer.trail import Reach
+from gcs_bridge.viewer.trail_views import trail_views
 
 __all__ = ["layout"]
 
@@ -44,31 +46,42 @@ _ANGLES = {
     "yaw": "yaw; grey bar below: near the pole",
 }
 _DISAGREEMENT = (
-    "disagreement, degrees: 10ʸ (−2: 0.01°, 0: 1°, 2: 100°): red angle, white limit, yellow tilt, blue heading"
+    "disagreement, degrees: 10ʸ (−2: 0.01°, 0: 1°, 2: 100°): red angle, grey limit, yellow tilt, blue heading"
 )
 _MOST_DEG = 180.0
 _AXES = {"motion/heading_deg": rrb.ScalarAxis(range=(0.0, 360.0))}
+_Part = rrb.View | rrb.Container
 _HIDDEN = rrb.PlotLegend(visible=False)  # it would cover the curves: the titles tell what is what
 
 
 def layout(
-    vehicles: Mapping[VehicleId, bool], timeline: str, *, live: bool, around_us: int | None = None, at_end: bool = False
+    vehicles: Mapping[VehicleId, bool],
+    timeline: str,
+    *,
+    live: bool,
+    reaches: Mapping[VehicleId, Reach] | None = None,
+    around_us: int | None = None,
+    at_end: bool = False,
 ) -> rrb.Blueprint:
     """Everything on one screen: bodies and what the checks say of them on the left, the numbers on the right.
 
     One vehicle has the screen to itself, with indicator and alarms; of several the numbers are one column each.
     `vehicles`: each, and whether its motion is known. `live`: the last minute is shown, and how the streams arrive.
+    `reaches`: where those have been whose places are known: trails and a map are tabs beside the bodies.
     `around_us`: a time on the timeline, to be shown closer: that of an alarm, so its text has more room.
     `at_end`: the cursor starts at the end, not at the beginning; a layout can say no more of it (rerun 0.41).
     """
     span = _span(live=live, around_us=around_us)
     axis = rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=span)
     plots = _Plots(axis, live=live)
+    scene: _Part = bodies_view(vehicles)
+    if reaches:
+        scene = rrb.Tabs(scene, *trail_views(reaches, live=live), active_tab=0)
     if len(vehicles) == 1:
         ((key, moves),) = vehicles.items()
-        page = _alone(key, timeline, plots, moves=moves, alarmed=around_us is not None or at_end)
+        page = _alone(key, timeline, plots, scene, moves=moves, alarmed=around_us is not None or at_end)
     else:
-        page = _fleet(vehicles, timeline, plots)
+        page = _fleet(vehicles, timeline, plots, scene)
     return rrb.Blueprint(
         page,
         rrb.TimePanel(
@@ -86,11 +99,11 @@ def layout(
     )
 
 
-def _alone(key: VehicleId, timeline: str, plots: _Plots, *, moves: bool, alarmed: bool) -> rrb.Container:
+def _alone(key: VehicleId, timeline: str, plots: _Plots, scene: _Part, *, moves: bool, alarmed: bool) -> rrb.Container:
     beside = rrb.Horizontal(_indicator(key), _alarms(key), column_shares=[1.0, 1.3])
     lanes = ("state", "mode", "verdict/**")
     states = plots.states([f"+ /{path_of(key, lane)}" for lane in lanes])
-    left = rrb.Vertical(bodies_view([key]), beside, states, row_shares=[5.2, 3.8 if alarmed else 2.9, 3.3])
+    left = rrb.Vertical(scene, beside, states, row_shares=[5.2, 3.8 if alarmed else 2.9, 3.3])
     columns = [plots.angles(key), plots.more(key, moves=moves)]
     right = rrb.Vertical(
         rrb.Horizontal(*columns),
@@ -101,11 +114,11 @@ def _alone(key: VehicleId, timeline: str, plots: _Plots, *, moves: bool, alarmed
     return rrb.Horizontal(left, right, column_shares=[5, 7])
 
 
-def _fleet(vehicles: Mapping[VehicleId, bool], timeline: str, plots: _Plots) -> rrb.Container:
+def _fleet(vehicles: Mapping[VehicleId, bool], timeline: str, plots: _Plots, scene: _Part) -> rrb.Container:
     """None, or several: what each comes to on the left, its numbers in a column of its own."""
     states = plots.states([f"+ /{path_of(key, 'state')}" for key in vehicles], "Attitude is …")
     share = 0.7 + 0.5 * min(len(vehicles), 6)
-    left = rrb.Vertical(bodies_view(vehicles), states, _events(list(vehicles), timeline), row_shares=[5, share, 2.4])
+    left = rrb.Vertical(scene, states, _events(list(vehicles), timeline), row_shares=[5, share, 2.4])
     columns: list[rrb.Container] = []
     for key, moves in vehicles.items():
         prefix = f"{key.name} "
@@ -126,7 +139,7 @@ def _indicator(key: VehicleId, prefix: str = "") -> rrb.View:
     return rrb.Spatial2DView(
         name=f"{prefix}Horizon",
         origin=f"/{path_of(key, 'horizon')}",
-        background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=(24, 28, 34)),
+        background=BACKGROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=(-half, half), y_range=(-half, half)),
     )
 

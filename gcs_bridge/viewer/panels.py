@@ -28,7 +28,7 @@ LEAST_POWER = -4.0
 """Of ten, in degrees: what is less, nothing included, is drawn there. A float32 of the wire tells no more."""
 _POWERS: dict[str, tuple[Colour, float]] = {  # in the order of DISAGREEMENT: colour and width
     "angle": ((240, 90, 80), 4.0),
-    "limit": ((235, 235, 235), 1.5),
+    "limit": ((192, 192, 192), 1.5),
     "tilt": ((250, 220, 90), 1.5),
     "heading": ((90, 200, 250), 1.5),
 }

@@ -25,8 +25,8 @@ __all__ = [
 
 APART_M = 3.8  # from one vehicle to the next, towards the east,
 _ABREAST = 3  # of which so many stand side by side,
-_BEHIND_M = 5.5  # and the next ones so far behind them, and further apart: what is far away looks small
-_WIDER = 0.3
+_BEHIND_M = 7.5  # and the next ones so far behind them, and further apart: what is far away looks small
+_WIDER = 0.45
 GROUND_M = 1.0  # the ground lies so far below the vehicles
 # Of a vehicle: above and before all that turns with it, 1.6 m about its middle.
 NAME_AT: Point = (0.0, 0.0, -1.75)
@@ -35,8 +35,8 @@ UNDONE_AT: Point = (-1.75, 0.65, GROUND_M)
 _WIDE = 1.2  # the picture is so wide for each metre from the eye,
 _NEAREST_M = 4.9  # and from here one vehicle, its name above and the text before it fill its height
 _MARGIN_M = 0.9  # what is nearer than the vehicles looks larger
-_BESIDE_M, _RIGHT_M = 1.6, 1.7  # from the first vehicle to the legend, from the last one to the edge
-_LEGEND = 0.28  # the legend is so wide for each metre from the eye
+_BESIDE_M, _RIGHT_M = 1.9, 1.7  # from the first vehicle to the legend, from the last one to the edge
+_LEGEND = 0.29  # the legend is so wide for each metre from the eye
 _WEST_DEG, _ABOVE_DEG = 12.0, 29.0  # from where it is looked at: from the south
 _ROWS = 6
 _ROW = 0.065  # from one line of the legend to the next, by the distance of the eye

@@ -20,6 +20,7 @@ __all__ = ["PLOT_HOLD_US", "Rows", "Shown", "broken_at_wraps"]
 PLOT_HOLD_US = 200_000
 """A live link's plots grow five times a second: the eye sees no more, and each time costs as much as 100 rows."""
 
+_POSE = 7  # numbers of a place with an attitude
 Texts = npt.NDArray[np.str_]
 
 
@@ -36,7 +37,8 @@ class Rows:
     """What is drawn at n times, by path.
 
     `attitudes` (n, 4) as [x, y, z, w]; `numbers` (n,) or (n, series); `arrows` (n, 3) and the points of lines, `strips`
-    (n, points, 3), in their parent's axes; `labels` (n,) of the strips; `poses` (n, 7) places [x, y, z], and attitudes.
+    (n, points, 3), in their parent's axes; `labels` (n,) of the strips, if any; `poses` (n, 3) places, or
+    (n, 7) places and attitudes; `geo_points` (n, 2) and `geo_strips` (n, points, 2) latitudes and longitudes, degrees.
     """
 
     times: Times
@@ -46,11 +48,21 @@ class Rows:
     strips: Mapping[str, Floats] = field(default_factory=dict)
     labels: Mapping[str, Texts] = field(default_factory=dict)
     poses: Mapping[str, Floats] = field(default_factory=dict)
+    geo_points: Mapping[str, Floats] = field(default_factory=dict)
+    geo_strips: Mapping[str, Floats] = field(default_factory=dict)
 
     @property
     def paths(self) -> tuple[str, ...]:
         """Where they are drawn."""
-        return (*self.attitudes, *self.numbers, *self.arrows, *self.strips, *self.poses)
+        return (
+            *self.attitudes,
+            *self.numbers,
+            *self.arrows,
+            *self.strips,
+            *self.poses,
+            *self.geo_points,
+            *self.geo_strips,
+        )
 
     @classmethod
     def joined(cls, parts: list[Rows]) -> Rows:
@@ -82,13 +94,17 @@ class Rows:
             for path, vectors in self.arrows.items():
                 recording.send_columns(path, columns, rr.Arrows3D.columns(vectors=vectors[picked]))
             for path, poses in self.poses.items():
-                moved = rr.Transform3D.columns(translation=poses[picked, :3], quaternion=poses[picked, 3:])
+                turned = poses[picked, 3:] if poses.shape[1] == _POSE else None
+                moved = rr.Transform3D.columns(translation=poses[picked, :3], quaternion=turned)
                 recording.send_columns(path, columns, moved)
             for path, strips in self.strips.items():
-                labels = self.labels[path][picked]
-                recording.send_columns(
-                    path, columns, rr.LineStrips3D.columns(strips=list(strips[picked]), labels=labels)
-                )
+                labels = self.labels[path][picked] if path in self.labels else None
+                lines = rr.LineStrips3D.columns(strips=list(strips[picked]), labels=labels)
+                recording.send_columns(path, columns, lines)
+            for path, degrees in self.geo_points.items():
+                recording.send_columns(path, columns, rr.GeoPoints.columns(positions=degrees[picked]))
+            for path, strips in self.geo_strips.items():
+                recording.send_columns(path, columns, rr.GeoLineStrings.columns(line_strings=list(strips[picked])))
 
 
 def broken_at_wraps(times: Times, angle_deg: Floats, before_deg: float, beyond_deg: float) -> tuple[Times, Floats]:

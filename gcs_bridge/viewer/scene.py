@@ -11,7 +11,7 @@ so there are few, each where no other can come, and what a colour means is said 
     /                              the world's coordinates
     axes                           north, east, down
     legend                         what has been drawn so far, in its colour
-    vehicle/1.1/body               the vehicle's place in the picture (no position is known)
+    vehicle/1.1/body               where it is drawn: in a row, wherever it is; where that is, is drawn by `trail`
     vehicle/1.1/body/name          its name and state
     vehicle/1.1/body/compass/…     a rose on the ground, in the vehicle's colour, and the level at its own height
     vehicle/1.1/body/quaternion    attitude by ATTITUDE_QUATERNION: parent from child, world from body
@@ -46,6 +46,7 @@ from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.airframes import Airframe, airframe_of, shape_of
 from gcs_bridge.viewer.base import UTC
 from gcs_bridge.viewer.compass import horizon, rose
+from gcs_bridge.viewer.palette import ALARM, LEVEL_AXES, OK, UNKNOWN, WARNING
 from gcs_bridge.viewer.palette import EULER as _EULER
 from gcs_bridge.viewer.palette import QUATERNION as _QUATERNION
 from gcs_bridge.viewer.places import GROUND_M, NAME_AT, UNDONE_AT, place_of, written_places
@@ -75,6 +76,8 @@ __all__ = [
     "motion_parts",
     "name_tag",
     "path_of",
+    "place_airframe_parts",
+    "place_parts",
     "source_parts",
     "unturned_parts",
     "vehicle_parts",
@@ -86,11 +89,11 @@ State = Literal["compared", "not compared", "warning", "alarm"]
 
 ANGLES = ("roll", "pitch", "yaw")
 
-_RED, _GREEN, _BLUE = (230, 70, 60), (70, 200, 80), (70, 130, 255)
+_RED, _GREEN, _BLUE = LEVEL_AXES
 _PALE = ((255, 165, 155), (165, 240, 165), (165, 200, 255))
 _AXIS, _CORRECTED = (255, 240, 120), (150, 255, 110)
-_ACCELEROMETER, _BOUND = (235, 110, 235), (150, 150, 150)
-_AHRS2, _FIELD, _RATES = (0, 205, 150), (205, 165, 120), (240, 240, 240)
+_ACCELEROMETER, _BOUND = (190, 76, 207), (150, 150, 150)
+_AHRS2, _FIELD, _RATES = (12, 163, 127), (203, 174, 117), (240, 240, 240)
 _HORIZON = (125, 140, 155)
 
 Source = Literal["quaternion", "euler"]
@@ -105,18 +108,18 @@ LEGEND: dict[Legend, tuple[str, Colour]] = {  # in the order in which it is writ
 }
 # Of the vehicles, one after the other; told apart by people who see no red or no green, by lightness if nothing else.
 _VEHICLES: tuple[Colour, ...] = (
-    (143, 163, 181),
-    (0, 114, 178),
-    (204, 121, 167),
-    (0, 158, 115),
-    (240, 240, 230),
-    (150, 90, 40),
+    (155, 187, 213),
+    (0, 97, 158),
+    (201, 115, 153),
+    (8, 149, 94),
+    (242, 240, 230),
+    (142, 84, 36),
 )
 _STATES: dict[State, tuple[str, Colour]] = {
-    "compared": ("compared", (67, 160, 71)),
-    "not compared": ("NO COMPARE", (255, 179, 0)),
-    "warning": ("WARNING", (245, 124, 0)),
-    "alarm": ("ALARM", (229, 57, 53)),
+    "compared": ("compared", OK),
+    "not compared": ("NO COMPARE", UNKNOWN),
+    "warning": ("WARNING", WARNING),
+    "alarm": ("ALARM", ALARM),
 }
 _DISAGREEMENT = {  # in the order of drawing: colour and width
     "angle": ((239, 83, 80), 4.0),
@@ -238,6 +241,26 @@ def unturned_parts(key: VehicleId, place: int, vehicle_type: str) -> Iterator[Pa
     )
 
 
+def place_parts(key: VehicleId, place: int) -> Iterator[Part]:
+    """What never changes of a vehicle whose place is known; the trail has its colour, on a map too."""
+    colour, wide = _light(place), rr.Radius.ui_points(1.5)  # as wide from afar as from near
+    yield path_of(key, "plumb"), rr.LineStrips3D.from_fields(colors=_HORIZON, radii=rr.Radius.ui_points(0.7))
+    yield path_of(key, "trail"), rr.LineStrips3D.from_fields(colors=colour, radii=wide)
+    yield path_of(key, "geo", "now"), rr.GeoPoints.from_fields(colors=_colour(place), radii=rr.Radius.ui_points(7.0))
+    yield (
+        path_of(key, "geo", "trail"),
+        rr.GeoLineStrings.from_fields(colors=_colour(place), radii=rr.Radius.ui_points(3.0)),
+    )
+
+
+def place_airframe_parts(key: VehicleId, place: int, vehicle_type: str, scale: float) -> Iterator[Part]:
+    """How a vehicle looks at its place, `scale` times as large as in the other view, and its name above it."""
+    solid = path_of(key, "place", "airframe", "solid")
+    yield solid, rr.Transform3D(scale=scale)
+    yield solid, _solid(airframe_of(shape_of(vehicle_type), _colour(place)))
+    yield path_of(key, "place", "name"), _texts([(0.0, 0.0, -1.5 * scale)], [key.name], [_light(place)])
+
+
 def field_parts(key: VehicleId) -> Iterator[Part]:
     """How the magnetic field is drawn."""
     yield path_of(key, "body", "field"), rr.Arrows3D.from_fields(colors=_FIELD, radii=0.01)
@@ -247,7 +270,9 @@ def ghost_parts(path: str) -> Iterator[Part]:
     """What shows a disagreement, under `path`; its attitudes, axis and arc come at each instant."""
     yield f"{path}/ghost/axes", rr.LineStrips3D(_DASHES, colors=np.repeat(_PALE, _DASHES_A_AXIS, axis=0), radii=0.012)
     yield f"{path}/axis", rr.Arrows3D.from_fields(colors=_AXIS, radii=0.018)
-    yield f"{path}/arc", rr.LineStrips3D.from_fields(colors=_DISAGREEMENT["angle"][0], radii=0.016, show_labels=True)
+    # Its text has its colour.
+    colour = _as_text(_DISAGREEMENT["angle"][0])
+    yield f"{path}/arc", rr.LineStrips3D.from_fields(colors=colour, radii=0.016, show_labels=True)
 
 
 def corrected_parts(key: VehicleId, text: str) -> Iterator[Part]:
@@ -295,4 +320,10 @@ def _solid(looks: Airframe) -> rr.Mesh3D:
 def _texts(
     places: Sequence[Point] | Floats, texts: Sequence[str], colours: Sequence[Colour], radius: float = 0.004
 ) -> rr.Points3D:
-    return rr.Points3D(places, labels=texts, colors=colours, radii=radius, show_labels=True)
+    return rr.Points3D(places, labels=texts, colors=list(map(_as_text, colours)), radii=radius, show_labels=True)
+
+
+def _as_text(colour: Colour) -> Colour:
+    """A colour that can be read: light, since in a viewer whose theme is light each text stands on grey."""
+    red, green, blue = ((part + 255) // 2 for part in colour)
+    return red, green, blue

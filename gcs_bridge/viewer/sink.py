@@ -6,7 +6,6 @@ Attitudes are drawn as sent, never normalised.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from textwrap import wrap
 
 import numpy as np
 import rerun as rr
@@ -24,17 +23,16 @@ from gcs_bridge.events import (
     vehicle_of,
 )
 from gcs_bridge.judging.observation import Observation
-from gcs_bridge.sinks.event_lines import event_line
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer import scene
 from gcs_bridge.viewer.base import Beside, ViewerSink
-from gcs_bridge.viewer.disagreement import Apart
 from gcs_bridge.viewer.drawing import Drawing
-from gcs_bridge.viewer.figure import Figure, New
+from gcs_bridge.viewer.event_text import text_of
+from gcs_bridge.viewer.figure import New
+from gcs_bridge.viewer.followed import Followed
 from gcs_bridge.viewer.motion_lines import MotionLines
 from gcs_bridge.viewer.pace import Pace
-from gcs_bridge.viewer.panels import Panels
 from gcs_bridge.viewer.rows import PLOT_HOLD_US, Rows, Shown
 from gcs_bridge.viewer.scene import UTC, Source, boot_timeline, path_of
 from gcs_bridge.viewer.times import Aligned, Instant, Times, instant_of, pair_times
@@ -43,42 +41,9 @@ from gcs_bridge.viewer.world import World
 __all__ = ["RerunSink", "sinks_of"]
 
 
-_HOLD_US = 35_000  # what is drawn of a live link grows some 20 times a second: each time costs as much as 100 rows
-
-_LINE = 76  # signs of an event that are seen beside plots; what is longer goes on below
-_INDENT = 12 * "\N{NO-BREAK SPACE}"
-_GOES_ON = "…"
-
-_LEVELS = {
-    "alarm_raised": "CRITICAL",
-    "inop": "ERROR",
-    "vehicle_lost": "ERROR",
-    "link_down": "ERROR",
-    **dict.fromkeys(
-        ("alarm_pending", "no_compare", "stream_stale", "reboot", "clock_step", "estimator_reset", "damage"), "WARN"
-    ),
-}
-
-
-class _Vehicle:
-    """What is remembered of a vehicle."""
-
-    def __init__(self, key: VehicleId, place: int) -> None:
-        self.figure = Figure(key, place)
-        self.named = False  # above what is drawn
-        self.compared: set[int] = set()  # boots in which something could be compared
-        self.silent = False  # by the latest event: there is nothing to compare
-        self.raised: dict[str, str] = {}  # alarms of all checks, by id: severity
-        self.motion: MotionLines | None = None
-        self.apart = Apart(key)
-        self.panels = Panels(key)
-
-    @property
-    def state(self) -> scene.State:
-        """The worst that is raised; else whether the two forms are compared."""
-        if self.raised:
-            return "alarm" if "alarm" in self.raised.values() else "warning"
-        return "not compared" if self.silent else "compared"
+# What is drawn of a live link grows some 20 times a second: each time costs as much as 100 rows. The indicator may be
+# slower. Of several vehicles all is: with four at 50 Hz the newest attitude is still no older than 100 ms.
+_HOLD_US, _INDICATOR_HOLD_US, _MORE_EACH, _MOST = 35_000, 90_000, 0.22, 4.0
 
 
 class _Held:
@@ -115,7 +80,7 @@ class RerunSink(ViewerSink):
         self._held: dict[VehicleId, _Held] = {}
         self._waiting: dict[tuple[int | str, ...], list[Rows]] = {}
         self._pace = pace
-        self._vehicles: dict[VehicleId, _Vehicle] = {}
+        self._vehicles: dict[VehicleId, Followed] = {}
         self._first: Instant | None = None
         self._latest_rx_us = -1
         self._boots: set[int] = set()
@@ -130,9 +95,14 @@ class RerunSink(ViewerSink):
             self._draw_held(held)
         held.observations.append(observation)
         now_us = int(segment.t_boot_us[-1]) if len(segment.t_boot_us) else held.drawn_us
-        if not self._live or abs(now_us - held.drawn_us) >= _HOLD_US:
+        if not self._live or abs(now_us - held.drawn_us) >= _HOLD_US * self._slower:
             held.drawn_us = now_us
             self._draw_held(held)
+
+    @property
+    def _slower(self) -> float:
+        """How much longer all is held than of one vehicle."""
+        return min(1.0 + _MORE_EACH * max(len(self._vehicles) - 1, 0), _MOST)
 
     def _draw_observed(self) -> None:
         for held in self._held.values():
@@ -164,6 +134,7 @@ class RerunSink(ViewerSink):
                 self._draw_each(vehicle.apart.feed(one))
                 self._draw_each(vehicle.panels.observe(one))
                 self._draw_motion(key, vehicle, one)
+                self._draw_trail(vehicle, one)
             self._draw_each(vehicle.figure.others(observations))
 
     def events(self, events: Sequence[Event]) -> None:
@@ -184,13 +155,8 @@ class RerunSink(ViewerSink):
         if moment.t_boot_us is None and moment.t_rx_us < 0:
             moment = moment._replace(t_rx_us=self._latest_rx_us)
         self._rec.set_time(moment)
-        level = _LEVELS.get(event.name, "INFO")
-        if isinstance(event, AlarmRaised) and event.severity == "warning":
-            level = "WARN"
-        said = event_line(event) if self._label is None else f"{self._label}  {event_line(event)}"
-        lines = wrap(said, _LINE, subsequent_indent=_INDENT)
+        lines, levels = text_of(event, self._label)
         path = path_of(self._key(vehicle_of(event)), "events") if event.vehicle else "link/events"
-        levels = [level, *[_GOES_ON] * (len(lines) - 1)]
         if times := moment.columns(len(lines), self._rec.aligned):
             self._rec.send_columns(path, times, rr.TextLog.columns(text=lines, level=levels))
         if not event.vehicle:
@@ -221,13 +187,13 @@ class RerunSink(ViewerSink):
         self.close()
         moment = None if at is None else self._at(at) if isinstance(at, int) else instant_of(at)
         where = None if moment is None else self._where(moment)
-        self._world.lay_out(*(where or (self._timeline(),)))
+        self._lay_out(*(where or ()))
         return at is None or where is not None
 
     def finish_moment(self, t_boot_us: int) -> None:
         """Nothing follows, and all was around this time of the only boot: lay it out so that it opens there."""
         self.close()
-        self._world.lay_out(self._timeline(), t_boot_us, at_end=True)
+        self._lay_out(None, t_boot_us, at_end=True)
 
     def close(self) -> None:
         """Draw what waits for more: none will come."""
@@ -249,15 +215,15 @@ class RerunSink(ViewerSink):
         """By which a vehicle of this recording is known in the world."""
         return vehicle if self._label is None else vehicle._replace(recording=self._label)
 
-    def _vehicle(self, key: VehicleId) -> _Vehicle:
+    def _vehicle(self, key: VehicleId) -> Followed:
         vehicle = self._vehicles.get(key)
         if vehicle is None:
-            vehicle = self._vehicles[key] = _Vehicle(key, self._world.add(key))
+            vehicle = self._vehicles[key] = Followed(key, self._world.add(key), self._world.origins)
             if self._live:
-                self._world.lay_out(self._timeline())
+                self._lay_out()
         return vehicle
 
-    def _draw_attitude(self, key: VehicleId, vehicle: _Vehicle, source: str, samples: AttitudeSamples) -> None:
+    def _draw_attitude(self, key: VehicleId, vehicle: Followed, source: str, samples: AttitudeSamples) -> None:
         if not len(samples):
             return
         times = Times(boot=int(samples.boot[0]), t_boot_us=samples.t_boot_us, t_rx_us=samples.t_rx_us)
@@ -273,7 +239,7 @@ class RerunSink(ViewerSink):
         self._draw_rows(Rows(times, {path_of(key, "body", source): xyzw}))
         self._draw_each(vehicle.panels.turn(source, times, rpy_rad))
 
-    def _draw_disagreement(self, key: VehicleId, vehicle: _Vehicle, observations: Sequence[Observation]) -> None:
+    def _draw_disagreement(self, key: VehicleId, vehicle: Followed, observations: Sequence[Observation]) -> None:
         if not observations:
             return
         boot = observations[0].segment.boot
@@ -285,7 +251,7 @@ class RerunSink(ViewerSink):
                 self._state(key, "compared")
         self._draw_each(vehicle.panels.compare(observations))
 
-    def _draw_motion(self, key: VehicleId, vehicle: _Vehicle, observation: Observation) -> None:
+    def _draw_motion(self, key: VehicleId, vehicle: Followed, observation: Observation) -> None:
         """Draw how the vehicle moves, from its first inertial sample on."""
         flight, boot, lines = observation.flight, observation.segment.boot, vehicle.motion
         if lines is None or lines.boot != boot:
@@ -300,8 +266,14 @@ class RerunSink(ViewerSink):
             lines, first = MotionLines(key, boot), lines is None
             vehicle.motion = lines
             if first and self._live:
-                self._world.lay_out(self._timeline())
+                self._lay_out()
         self._draw_each(lines.feed(flight))
+
+    def _draw_trail(self, vehicle: Followed, observation: Observation) -> None:
+        was_known = vehicle.trail.reach is not None
+        self._draw_each(vehicle.trail.feed(observation))
+        if self._live and not was_known and vehicle.trail.reach is not None:
+            self._lay_out()
 
     def _draw_each(self, several: Iterable[Rows | Shown | New]) -> None:
         for one in several:
@@ -317,9 +289,10 @@ class RerunSink(ViewerSink):
         """Draw rows now, or with those that follow."""
         waiting = self._waiting.setdefault((rows.times.boot, *rows.paths), [])
         waiting.append(rows)
-        if self._holds and not (rows.attitudes or rows.poses):
+        if self._holds and (rows.poses or not rows.attitudes):
+            hold_us = _INDICATOR_HOLD_US if rows.poses else PLOT_HOLD_US
             first_us, last_us = waiting[0].times.t_boot_us[0], rows.times.t_boot_us[-1]
-            enough = abs(last_us - first_us) >= PLOT_HOLD_US
+            enough = abs(last_us - first_us) >= hold_us * self._slower
         else:
             enough = sum(len(one.times) for one in waiting) >= self._gather
         if enough:
@@ -359,6 +332,12 @@ class RerunSink(ViewerSink):
         else:
             timeline = boot_timeline(moment.boot)
         return None if time_us is None else (timeline, time_us)
+
+    def _lay_out(self, timeline: str | None = None, around_us: int | None = None, *, at_end: bool = False) -> None:
+        for key, vehicle in self._vehicles.items():
+            self._draw_each(vehicle.trail.fit())
+            self._world.reaches(key, vehicle.trail.reach)
+        self._world.lay_out(timeline or self._timeline(), around_us, at_end=at_end)
 
     def _at(self, t_rx_us: int) -> Instant | None:
         """A receive time as a moment of the first vehicle's first boot; None where it is past the end, or unknown."""

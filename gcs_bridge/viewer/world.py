@@ -15,6 +15,7 @@ from gcs_bridge.viewer.layout import layout
 from gcs_bridge.viewer.panels import panel_parts
 from gcs_bridge.viewer.processes import Window
 from gcs_bridge.viewer.scene import Legend
+from gcs_bridge.viewer.trail import Origins, Reach
 
 __all__ = ["World", "world_of"]
 
@@ -45,7 +46,9 @@ class World:
         self._drawing = Drawing(recording, prefix=prefix)
         self._window = window
         self._vehicles: dict[VehicleId, bool] = {}  # and whether its motion is known
+        self._reaches: dict[VehicleId, Reach] = {}  # where those have been whose places are known
         self._legend: set[Legend] = set()  # what has been drawn
+        self.origins = Origins()
         self.draw(scene.world_parts())
 
     @property
@@ -66,6 +69,11 @@ class World:
         """From now on a vehicle's motion is known."""
         self._vehicles[key] = True
 
+    def reaches(self, key: VehicleId, reach: Reach | None) -> None:
+        """Where a vehicle has been; None: that is not known."""
+        if reach is not None:
+            self._reaches[key] = reach
+
     def draw(self, parts: Iterable[scene.Part]) -> None:
         """Draw what never changes."""
         for path, archetype in parts:
@@ -79,7 +87,9 @@ class World:
 
     def lay_out(self, timeline: str, around_us: int | None = None, *, at_end: bool = False) -> None:
         """Lay it out anew, by a timeline, around a time on it if given; and put the window's cursor there."""
-        shown = layout(self._vehicles, timeline, live=self.live, around_us=around_us, at_end=at_end)
+        shown = layout(
+            self._vehicles, timeline, live=self.live, reaches=self._reaches, around_us=around_us, at_end=at_end
+        )
         if self.prefix:
             move_below(self.prefix, shown.root_container)
         self.recording.send_blueprint(shown)

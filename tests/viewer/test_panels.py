@@ -222,3 +222,11 @@ def test_rates_stand_beside_the_gyros(tmp_path: Path) -> None:
     _, rates = written(records, tmp_path / "a.rrd").rows(f"{VEHICLE}/rates_deg_s", SCALARS)
     assert len(rates) > 60
     assert rates[-1] == pytest.approx([0, 0, 12, 0, 0, 10], abs=1e-4)
+
+
+def test_after_a_reboot_the_lanes_tell_what_is_judged(tmp_path: Path) -> None:
+    """The second boot's first pair comes before the news of the reboot: it is judged and agrees all the same."""
+    recording, _ = drawn((FIXTURES / "f_reboot.tlog").read_bytes(), tmp_path / "a.rrd")
+    for check in ("euler_quaternion", "body_rates", "quaternion_norm"):
+        _, states = recording.rows(f"/vehicle/1.1/verdict/{check}", "StateChange:state", "boot_1")
+        assert states[-1] == ["agree"], check

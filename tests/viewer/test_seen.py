@@ -129,7 +129,7 @@ def test_yaw_90_turns_the_nose_east_and_down_is_drawn_downwards(tmp_path: Path, 
 @pytest.mark.slow
 @can_draw
 def test_the_layout_shows_everything_without_a_click(tmp_path: Path, port: int) -> None:
-    """Bodies, horizon, lanes, alarms, events, four plots of attitude, nine in tabs; no complaint; an alarm is red."""
+    """Bodies, horizon, lanes, alarms, events, four plots of attitude; in tabs nine, trail and map; an alarm is red."""
     source = tmp_path / "turned.tlog"
     flown = (FIXTURES / "a_copter_square.tlog").read_bytes()
     source.write_bytes(inject(flown, [parse_fault("yaw_offset:25")], from_s=12))
@@ -138,7 +138,7 @@ def test_the_layout_shows_everything_without_a_click(tmp_path: Path, port: int) 
     with headless(path, port) as viewer:
         viewer.wait_for("boot", 100_000_000)
         viewer.go_to(30_000_000)
-        eventually(lambda: viewer.views() == [*PANELS, *["TimeSeries"] * 13])
+        eventually(lambda: viewer.views() == sorted([*PANELS, "3D", "Map", *["TimeSeries"] * 13]))
 
         def all_is_there(picture: Picture) -> None:
             assert picture.shape[:2] == (900, 1400)
