@@ -31,6 +31,7 @@ from gcs_bridge import attitude
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.viewer import open_viewer
+from gcs_bridge.viewer.served import ServedViewer
 
 VEHICLES = 4
 LIVE_S = 20.0
@@ -171,7 +172,7 @@ def count(column: pa.Array) -> int:
     """How many numbers or texts there are in a column of lists."""
     while pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type):
         column = column.flatten()
-    return len(column) - column.null_count
+    return int(len(column) - column.null_count)
 
 
 def open_it(path: Path, seconds: float) -> Opened:
@@ -221,7 +222,7 @@ def live(fleet: Fleet, viewer: str) -> float:
     looker = None
     with open_viewer(viewer, say=said.append, live=True) as shown:
         sink = shown.recording("live")
-        if viewer != "none":
+        if isinstance(shown, ServedViewer):
             url = shown.url
             looker = subprocess.Popen(
                 [

@@ -204,9 +204,9 @@ class Viewer:
                 line.start
                 for one in self._client.get_state().recordings
                 for line in one.timelines
-                if line.name == "utc"
+                if line.name == "utc" and line.start is not None
             }
-            stamp = np.datetime64(start_ns // 1000 + at_us, "us")
+            stamp = np.datetime64(int(start_ns) // 1000 + at_us, "us")
             self._client.set_time("utc", timestamp=stamp, play_state="paused")
         else:
             self._client.set_time("boot", duration=np.timedelta64(at_us, "us"), play_state="paused")

@@ -227,7 +227,8 @@ class Replay:
             shown[0].sink.finish()
             return False
         one, event = next((found for found in fitting if found[1].severity == ALARM), fitting[0])
-        one.sink.finish(event)
+        if not one.sink.finish(event):  # its time is unknown
+            one.sink.finish()
         ids.remove(event.id)
         if ids and not is_alarm_id(asked) and not self.quiet:
             complain(f"{one.path}: opened at {event.id}; --at takes an id as well: {', '.join(ids)}", kind="note")

@@ -84,7 +84,7 @@ class ViewerSink(Sink):
     def finish(self, at: Event | int | None = None) -> bool:
         """Nothing follows: lay the whole out, around `at` if given: an event's time, or a receive time (µs since 1970).
 
-        Returns whether there was such a moment.
+        Returns whether there was such a moment; else it is not laid out yet.
         """
         return at is None
 

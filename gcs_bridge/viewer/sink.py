@@ -185,10 +185,15 @@ class RerunSink(ViewerSink):
     def finish(self, at: Event | int | None = None) -> bool:
         """Lay the whole out, around an event's time or a receive time if `at` asks for it."""
         self.close()
-        moment = None if at is None else self._at(at) if isinstance(at, int) else instant_of(at)
+        if at is None:
+            self._lay_out()
+            return True
+        moment = self._at(at) if isinstance(at, int) else instant_of(at)
         where = None if moment is None else self._where(moment)
-        self._lay_out(*(where or ()))
-        return at is None or where is not None
+        if where is None:
+            return False
+        self._lay_out(*where)
+        return True
 
     def finish_moment(self, t_boot_us: int) -> None:
         """Nothing follows, and all was around this time of the only boot: lay it out so that it opens there."""

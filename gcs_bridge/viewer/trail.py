@@ -31,8 +31,9 @@ from gcs_bridge.telemetry.positions import LOCAL, PositionSamples
 from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer.earth import Geodetic, Ned, TangentPlane, distance_m
 from gcs_bridge.viewer.figure import New, as_displayed
-from gcs_bridge.viewer.rows import Rows, Times
+from gcs_bridge.viewer.rows import Rows
 from gcs_bridge.viewer.scene import path_of, place_airframe_parts, place_parts
+from gcs_bridge.viewer.times import Times
 
 __all__ = ["Origins", "Reach", "Trail"]
 
