@@ -17,7 +17,7 @@ FLIGHT = FIXTURES / "c_copter_4hz.tlog"
 def run(pytester: pytest.Pytester, arguments: str) -> pytest.RunResult:
     """A test of somebody's that asserts it of flight.tlog."""
     pytester.makepyfile(f"def test_flight(gcs_bridge):\n    gcs_bridge.assert_attitude_agrees({arguments})")
-    return pytester.runpytest_inprocess("-p", "gcs_bridge.pytest_plugin", "-p", "no:xdist")
+    return pytester.runpytest_inprocess("-p", "no:xdist")
 
 
 def test_a_flight_that_agrees_passes(pytester: pytest.Pytester) -> None:

@@ -96,7 +96,7 @@ def test_other_files_are_left_to_others_before_anything_is_loaded(tmp_path: Path
     (tmp_path / "empty.tlog").touch()
     (tmp_path / "text.tlog").write_text("not a recording\n" * 1000)
     os.mkfifo(tmp_path / "pipe.tlog")
-    files = [ROOT / "docs" / "viewer.png", tmp_path, tmp_path / "missing.tlog", *tmp_path.iterdir()]
+    files = [ROOT / "docs" / "pictures" / "copter.webp", tmp_path, tmp_path / "missing.tlog", *tmp_path.iterdir()]
     code = f"{CODE}codes = [main([path]) for path in sys.argv[1:]]\n"
     code += f"assert codes == [{INCOMPATIBLE}] * len(codes), codes\n"
     code += "slow = {'numpy', 'rerun', 'click', 'msgspec', 'argparse', 'pathlib'} & set(sys.modules)\n"

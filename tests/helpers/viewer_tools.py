@@ -210,9 +210,9 @@ class Headless:
 
 
 @contextmanager
-def headless(source: str | Path, port: int, *more: str) -> Iterator[Headless]:
+def headless(source: str | Path, port: int, *more: str, size: str = "1400x900") -> Iterator[Headless]:
     """A viewer of a file, or of what is served at an address."""
-    arguments = ["--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size", "1400x900", *more]
+    arguments = ["--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size", size, *more]
     arguments += ["--connect"] if str(source).startswith("rerun+http") else []
     process = subprocess.Popen(
         [*RERUN, *arguments, str(source)],

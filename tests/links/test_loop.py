@@ -124,7 +124,7 @@ def test_live_is_recorded_over_tcp(name: str, cut: int | None, recording: Record
         with Live(link, on_frames=recording.record) as live:
             live.wait_for_the_end()
     judged = judgement(live.monitor.close().files[0])
-    assert live.names()[-1] == "link_down"
+    assert [name for name in live.names() if name != "diagnosis"][-1] == "link_down"  # a doctor may answer later
     assert sum(len(vehicle["alarms"]) for vehicle in judged) == n_alarms
     assert (judged, alarms(live.events)) == recorded(tlog_of(frames)) == recorded(recording.read())
 

@@ -50,7 +50,7 @@ def test_checksums_are_looked_at() -> None:
         b"\xfd" * 65_536,
         bytes(65_536),
         b"\xfe\xfd" * 30_000,
-        (ROOT / "docs" / "viewer.png").read_bytes()[:65_536],
+        (ROOT / "docs" / "pictures" / "copter.webp").read_bytes()[:65_536],
         (ROOT / "README.md").read_bytes(),
         b"\xa3\x95" * 5_000,
     ],

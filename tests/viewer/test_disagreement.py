@@ -363,7 +363,7 @@ def test_the_viewer_shows_it_and_hides_it_again(tmp_path: Path) -> None:
     def are_gone(picture: Picture) -> None:
         assert max(both(picture)) < 10
 
-    with headless(path, free_port(HEADLESS_PORT)) as viewer:
+    with headless(path, free_port(HEADLESS_PORT), size="2100x1350") as viewer:
         viewer.wait_for("boot", 33_000_000)
         for boot_us, what in ((22_000_000, are_seen), (33_000_000, are_gone)):
             viewer.go_to(boot_us)

@@ -233,8 +233,9 @@ def test_in_a_right_turn_the_right_wing_is_down(tmp_path: Path) -> None:
                 outline = outline[outline[:, 1] > 0.42 * picture.shape[1]]  # of the body, not of the legend
                 assert len(outline) > 100
                 left, right = np.quantile(outline[:, 1], (0.1, 0.9))
-                rows = [outline[side, 0].mean() for side in (outline[:, 1] > right, outline[:, 1] < left)]
-                assert sign * (rows[0] - rows[1]) > 30
+                wings = [outline[side].mean(axis=0) for side in (outline[:, 1] > right, outline[:, 1] < left)]
+                down, across = wings[0] - wings[1]
+                assert sign * down > math.tan(math.radians(8)) * across, (down, across)
 
             viewer.shows(wing_is_down, only="3D")
             assert viewer.errors() == []
