@@ -86,7 +86,7 @@ class McapFile:
             title = f"gcs_bridge.{name}" if name in TABLES else f"mavlink.{name}"
             topic = self._channel(f"/{vehicle}/{name}", title, _schema(title, rows.schema))
             for row, t_ns in zip(rows.to_pylist(), times_ns, strict=True):
-                self._add(topic, t_ns, self._encode({key: _finite(value) for key, value in row.items()}))
+                self._add(topic, t_ns, self._encode(row))  # of NaN, which JSON does not know, it makes null
 
     def finish(self) -> list[Path]:
         """Complete the file."""
@@ -175,13 +175,6 @@ def _type(of: pa.DataType) -> str:
 
 def _stamp(t_ns: int) -> dict[str, int]:
     return {"sec": t_ns // 1_000_000_000, "nsec": t_ns % 1_000_000_000}
-
-
-def _finite(value: Any) -> Any:
-    """JSON knows no NaN."""
-    if isinstance(value, list):
-        return [_finite(one) for one in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _parsed_ns(utc: str | None) -> int | None:

@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -236,3 +237,30 @@ def test_every_other_message_has_a_table_of_its_own(tmp_path: Path) -> None:
     assert export(TWO, tmp_path / "a.mcap", "--format", "mcap", "--all") == 0
     told = [said for topic, schema, _, said in messages(tmp_path / "a.mcap") if schema == "mavlink.HEARTBEAT"]
     assert sorted(one["frame_index"] for one in told) == sorted(table["frame_index"].to_pylist())
+
+
+def test_mcap_says_null_where_nothing_is_known(tmp_path: Path) -> None:
+    """JSON knows no NaN: of a quaternion of NaN its rows say null, and there is no transform."""
+    data = (FIXTURES / "c_copter_4hz.tlog").read_bytes()
+    (tmp_path / "nan.tlog").write_bytes(with_nan_quaternion(data))
+    assert export(tmp_path / "nan.tlog", tmp_path / "a.mcap", "--format", "mcap") == 0
+    told = list(messages(tmp_path / "a.mcap"))
+    rows = [said for topic, _, _, said in told if topic == "/1.1/attitude_quaternion"]
+    assert [said["q_nb_w"] for said in rows if not said["valid"]] == [None]
+    turns = [said for topic, _, _, said in told if topic == "/1.1/attitude_quaternion/transform"]
+    assert len(turns) == len(rows) - 1
+
+
+def with_nan_quaternion(data: bytes) -> bytes:
+    """The recording with NaN for w in one ATTITUDE_QUATERNION, its checksum made anew by pymavlink."""
+    with tempfile.NamedTemporaryFile(suffix=".tlog") as file:
+        file.write(data)
+        file.flush()
+        with closing(mavutil.mavlink_connection(file.name)) as log:
+            for _ in range(20):
+                one = log.recv_match(type="ATTITUDE_QUATERNION")
+    raw = bytes(one.get_msgbuf())
+    one.q1 = float("nan")
+    sender = mavutil.mavlink.MAVLink(None, one.get_srcSystem(), one.get_srcComponent())
+    sender.seq = one.get_seq()
+    return data.replace(raw, bytes(one.pack(sender)), 1)
