@@ -21,11 +21,26 @@ def pytest_xdist_auto_num_workers() -> int:
 _WAITING = ("tests/cli/test_listen.py", "tests/jit/", "tests/links/", "tests/sending/", "tests/sinks/", "tests/viewer/")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`pytest --sweeps` leaves nothing out."""
+    parser.addoption("--sweeps", action="store_true", help="with every member of each heavy family, as CI does")
+
+
+def _leave_out_sweeps(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Unless they are asked for, by `--sweeps`, by `-m` or by name."""
+    if config.getoption("--sweeps") or "sweep" in config.getoption("-m") or any("::" in one for one in config.args):
+        return
+    sweeps = [item for item in items if item.get_closest_marker("sweep")]
+    items[:] = [item for item in items if not item.get_closest_marker("sweep")]
+    config.hook.pytest_deselected(items=sweeps)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """What waits begins first, each worker with its share of it: at the end no one waits alone for a last one.
 
     Each worker is given the next part of the list, and takes from the others once it has done that.
     """
+    _leave_out_sweeps(config, items)
     workers: int = getattr(config, "workerinput", {}).get("workercount", 1)
     waiting = [item for item in items if item.nodeid.startswith(_WAITING)]
     others = [item for item in items if not item.nodeid.startswith(_WAITING)]

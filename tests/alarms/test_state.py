@@ -460,6 +460,7 @@ def test_the_cut_into_batches_changes_nothing(parts: list[tuple[int, float, int]
             assert in_pieces.worst.value == alarm.worst.value
 
 
+@pytest.mark.slow
 @settings(max_examples=200, derandomize=True)
 @given(_stories)
 def test_states_follow_one_another_as_the_standard_has_them(parts: list[tuple[int, float, int]]) -> None:

@@ -89,6 +89,7 @@ def entry_of(data: bytes, size: int = 1 << 20, *, timed: bool = True) -> Json:
     return entry
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("timed", [True, False])
 @pytest.mark.parametrize("name", ["c_copter_4hz", "g_mavlink1", "b_copter_acro"])
 def test_line_ends_that_were_turned_into_others(name: str, timed: bool) -> None:

@@ -267,6 +267,7 @@ def test_what_waited_while_the_receiver_slept_comes_at_once(pause_s: float) -> N
     assert all(vehicle["verdict"] == "agree" for vehicle in vehicles)
 
 
+@pytest.mark.slow
 def test_three_pauses_are_told_three_times() -> None:
     """Each once, whoever is on the link."""
     records: Iterable[Record] = flown_by(1, 2)
@@ -287,6 +288,7 @@ def test_a_link_that_was_silent_is_no_pause() -> None:
     assert len(told(events, "vehicle_seen")) == 2
 
 
+@pytest.mark.slow
 def test_time_that_is_known_to_pass_is_a_silence_at_once() -> None:
     """On a live link, asked each quarter of a second: stale after two seconds, lost after five."""
     monitor = Monitor()
@@ -666,6 +668,7 @@ def test_a_clock_that_stands_still(stuck_ms: int, hz: float, also_imu: bool) -> 
     assert "the clock stands still" in no_compare["reason"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stuck_ms", [0, 77_000])
 def test_a_clock_that_stands_still_and_is_told_without_receive_times(stuck_ms: int) -> None:
     """Raw bytes: nothing tells how often they came."""
@@ -730,6 +733,7 @@ STORIES: dict[str, Callable[[], list[Record]]] = {  # of each kind one, short
 }
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize("story", STORIES)
 def test_the_cut_into_pieces_changes_nothing(story: str) -> None:

@@ -201,6 +201,7 @@ def test_a_yaw_offset_is_found_beside_a_pitch_trim(hz: float, apart_ms: int, deg
     assert alarm["diagnosis"]["value"] == pytest.approx(deg, abs=0.3)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     ("fault", "cause", "kind"),
     [
@@ -228,6 +229,7 @@ def test_a_mount_offset_in_flight_is_no_trim(trim_deg: tuple[float, float]) -> N
     assert 24.0 < alarm["raised_boot_s"] < 30.0
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("turn_deg", [12.0, 20.0])
 def test_a_larger_turn_than_a_trim_may_make_is_an_alarm(turn_deg: float) -> None:
     """A pitch trim has 15° at the most, AHRS_TRIM 10°."""

@@ -78,6 +78,7 @@ def test_one_degree_in_hover() -> None:
     assert alarm["peak"] == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("deg", "severity"), [(0.53, "alarm"), (0.51, "warning"), (0.25, None)])
 def test_where_the_limits_are(deg: float, severity: str | None) -> None:
     """0.5° and 0.02° of a pair's own bound are the alarm's limit; 0.3° in the mean is the warning's."""
@@ -85,6 +86,7 @@ def test_where_the_limits_are(deg: float, severity: str | None) -> None:
     assert [alarm["severity"] for alarm in found] == ([severity] if severity else [])
 
 
+@pytest.mark.slow
 def test_an_alarm_says_what_it_is() -> None:
     """1° of roll on a level vehicle: what, axis, size, and what it is not; raised 1.2 s behind its onset."""
     (alarm,) = flown(turned_in_body(1, 0, 0), turn=still())
@@ -121,6 +123,7 @@ def test_noise_has_no_mean() -> None:
     assert flown(noise, LONG_S) == []
 
 
+@pytest.mark.slow
 def test_roll_at_sixty_degrees_of_pitch_names_the_body_axis() -> None:
     """6° about body x at 60° of pitch is 3° of tilt and 5.2° about down: neither alone, but roll."""
     (alarm,) = flown(turned_in_body(6, 0, 0), turn=still(rpy(pitch=60)))
@@ -138,6 +141,7 @@ def test_yaw_is_never_roll(pitch: float) -> None:
     assert (alarm["tilt"], alarm["heading"]) == pytest.approx((0, 6), abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("pitched", "waits_s"), [((15,), 3.0), ((30,), 0.0), ((30, 15), 0.0)])
 def test_a_plane_that_is_pitched_may_be_trimmed_and_not_by_thirty_degrees(
     pitched: tuple[float, ...], waits_s: float

@@ -103,6 +103,7 @@ def test_what_the_rates_change_by_is_allowed() -> None:
 FASTER = swaying((1, 0, 0), by_deg=25, period_s=4)  # 6.2 °/s from sample to sample
 
 
+@pytest.mark.slow
 def test_a_bias_that_drifts_is_followed() -> None:
     """A bias that grows by 0.1 °/s a second lags by no more than 30 s of it, 3 °/s: nothing, though it grows to 8."""
     drifting: Change = lambda t_s, state: rates_off(0, 0.1 * t_s, 0)(t_s, state)
@@ -127,6 +128,7 @@ def spun_up(t_s: float) -> tuple[Rotation, Array]:
     return Rotation.from_rotvec([0, 0, angle]), np.array([0, 0, rate])
 
 
+@pytest.mark.slow
 def test_an_int16_that_starts_anew() -> None:
     """At 40 rad/s the counts are 40000 − 65536: no alarm in it, and behind it the bias is what it was."""
     assert raw_imu(0, State(spun_up(21)[0], spun_up(21)[1], np.zeros(3))).zgyro == 40020 - 65536

@@ -40,6 +40,7 @@ def backwards(rates: float) -> Change:
     return lambda t_s, state: State(back(t_s)[0], state.rates, state.force)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", SIDES)
 def test_a_stream_that_turns_the_other_way(side: str) -> None:
     """6° from sample to sample to the left while its rates say 6° to the right: 12° a step, an alarm of that stream."""
@@ -69,6 +70,7 @@ def test_the_limit_of_a_step(deg: float, alarm: bool) -> None:
     assert len(found) == (2 if alarm else 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("deg", "alarm"), [(3.5, True), (2.9, False)])
 def test_the_limit_of_a_step_while_turning(deg: float, alarm: bool) -> None:
     """At 60 °/s and 10 Hz the limit is 2.2 + 0.002·60 + 1.5·0.1·0.1·60 = 3.22°: 3.5° is beyond, 2.9° within."""
@@ -171,6 +173,7 @@ def test_a_leap_within_the_limit_is_no_reset() -> None:
     assert told(events, "estimator_reset") == []
 
 
+@pytest.mark.slow
 def test_a_leap_of_one_stream_alone_is_no_reset() -> None:
     """The quaternion leaps and the Euler angles do not: no reset, but two forms that disagree."""
     events, vehicle = watched(Craft(quaternion=leaps(5)).records(15))
@@ -260,6 +263,7 @@ def test_rates_of_the_angles(bank: float, deg_s: float, hz: float) -> None:
     assert {alarm["diagnosis"]["confidence"] for alarm in found} == {"certain"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", SIDES)
 def test_rates_of_the_angles_in_one_message(side: str) -> None:
     """One of both is enough for its warning; it is named as far as both messages do not contradict it."""
@@ -268,6 +272,7 @@ def test_rates_of_the_angles_in_one_message(side: str) -> None:
     assert warning["what"] == f"{SIDES[side]} turns otherwise than its rates say"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("bank", "deg_s"), [(0, 20), (20, 20), (45, 28), (70, 40)])
 def test_a_banked_turn_is_healthy(bank: float, deg_s: float) -> None:
     """The same turns with the body's rates, also 0.3 °/s and 2 % off."""

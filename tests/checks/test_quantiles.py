@@ -64,6 +64,7 @@ def test_a_summary_in_another_unit_is_scaled() -> None:
     assert collected(np.full(9, math.pi)).summary(math.degrees(1.0))["median"] == pytest.approx(180.0, rel=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, derandomize=True)
 @given(
     st.lists(st.floats(0, 1e4, allow_nan=False) | st.just(math.nan), max_size=50),

@@ -65,6 +65,7 @@ def test_a_zero_quaternion_is_a_fault_of_the_norm_and_no_angle() -> None:
     assert check(vehicle, "euler_quaternion")["residual"]["max"] < 1e-4
 
 
+@pytest.mark.slow
 def test_the_angle_of_a_long_quaternion_is_judged() -> None:
     """A quaternion 1.05 long and 25° of yaw off raises both alarms, the angle measured as if its norm were 1."""
 

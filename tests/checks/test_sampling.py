@@ -68,6 +68,7 @@ def negated(t_s: float, rates: Array) -> Array:
     return rates * [-1.0, 1.0, 1.0] if t_s >= 20.0 else rates
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sampled_hz", "hz"), [(10, 0.4), (25, 1.0), (50, 2.0)])
 def test_a_gyro_with_a_wrong_axis(sampled_hz: float, hz: float) -> None:
     """x of the other sign: off by twice the rate, ±120 °/s, which an account of the turn by the rates shows."""

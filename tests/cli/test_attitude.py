@@ -625,6 +625,7 @@ def test_json_names_frames_and_units(typed: Any) -> None:
     assert not re.search(r"-0\.0\b", json.dumps(typed("--rpy-deg 0 0 0")))
 
 
+@pytest.mark.slow
 def test_the_installed_command() -> None:
     """As people run it: the page on stdout, nothing on stderr, in less than a second."""
     command = [

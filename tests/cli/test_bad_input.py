@@ -96,6 +96,7 @@ def test_one_source_that_cannot_be_used(name: str, folder: Path) -> None:
     assert not (folder / "report.json").exists()
 
 
+@pytest.mark.slow
 def test_many_sources_that_cannot_be_used(folder: Path) -> None:
     """Several of them are one line each, in the order given; the good one among them is judged; the exit code is 3."""
     names = [name for name, _ in SOURCES]
@@ -124,6 +125,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 """
 
 
+@pytest.mark.slow
 def test_no_permission(tmp_path: Path) -> None:
     """A file that may not be read is a source that cannot be used, with the reason; another one beside it is judged."""
     locked = tmp_path / "locked.tlog"
@@ -298,6 +300,7 @@ def test_what_to_type_next(no_quaternion: Path, nothing_beside: Path) -> None:
         assert "SET_MESSAGE_INTERVAL 31" in ended.out.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_one_system(tmp_path: Path) -> None:
     """With `--sysid` the file has the verdict of that system alone; one that is not there was not compared: 4."""
     faulty = tmp_path / "two.tlog"

@@ -76,6 +76,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_what_is_printed(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The report as text: lines and nothing else; what can be shown is."""
     assert main(["check", str(recording)]) == 1
@@ -99,6 +100,7 @@ def test_reports_and_events(recording: Path, tmp_path: Path, capsys: pytest.Capt
     assert len(reset["explained_by"]) == len(TEXTS) + 1
 
 
+@pytest.mark.slow
 def test_evidence(recording: Path, tmp_path: Path) -> None:
     """Tables and summary, beside the frames themselves, which are kept as they came."""
     assert main(["check", str(recording), "--evidence", str(tmp_path), "-q"]) == 1

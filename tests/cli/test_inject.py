@@ -190,6 +190,7 @@ def test_numbers_by_hand(fault: str, said: str, inject: Any) -> None:
     assert said in inject(COPTER, "--fault", fault).out
 
 
+@pytest.mark.slow
 def test_the_next_command_is_ready_to_be_typed(inject: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A shell takes it as it stands, even with a space in the name, and it finds the 25° that were put in."""
     target = tmp_path / "my flight.tlog"
@@ -344,6 +345,7 @@ def test_the_pages_first_example_is_what_is_said(inject: Any, tmp_path: Path) ->
     assert inject(*shlex.split(example[1])).out == example[2]
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 def test_the_pages_tables_are_what_check_says(monkeypatch: pytest.MonkeyPatch) -> None:
     """Made anew, they differ by rounding at most. If they do not: run `python tools/inject_tables.py`."""

@@ -370,6 +370,7 @@ def test_demo(tmp_path: Path) -> None:
     assert process.said[-1] == "  gcs-bridge listen udpin:0.0.0.0:14550\n"
 
 
+@pytest.mark.slow
 def test_demo_is_quick_to_show_its_alarm() -> None:
     """As it is by default: 40 s, and the alarm within the first 30."""
     from gcs_bridge.cli.demo import _flight, demo

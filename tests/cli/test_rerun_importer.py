@@ -47,6 +47,7 @@ def test_it_is_installed_under_the_name_that_rerun_looks_for() -> None:
     assert INCOMPATIBLE == rr.EXTERNAL_IMPORTER_INCOMPATIBLE_EXIT_CODE
 
 
+@pytest.mark.slow
 def test_rerun_itself_shows_what_replay_shows(replayed: Drawn, tmp_path: Path) -> None:
     """Rerun finds it on PATH, offers it the file, and has the same attitudes, and the same layout, in the end."""
     program = tmp_path / "rerun-importer-tlog"
@@ -67,6 +68,7 @@ def test_rerun_itself_shows_what_replay_shows(replayed: Drawn, tmp_path: Path) -
     assert time_panel(path)["timeline"] == "boot"
 
 
+@pytest.mark.slow
 def test_what_rerun_hands_over_is_kept_to(replayed: Drawn, tmp_path: Path) -> None:
     """Application, recording, and the entity below which all lies; what it does not need it takes, too."""
     path = tmp_path / "a.rrd"

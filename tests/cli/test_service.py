@@ -229,6 +229,7 @@ def test_systemd_understands_the_unit(tmp_path: Path) -> None:
     assert [line for line in done.stderr.splitlines() if "gcs-bridge.service" in line] == []
 
 
+@pytest.mark.slow
 def test_the_options_in_the_shipped_files_exist() -> None:
     """What the unit and the container type is understood."""
     said = subprocess.run([*PROGRAM, "listen", "--help"], capture_output=True, text=True, check=True).stdout

@@ -323,6 +323,7 @@ def program(*, form: str = "text", vehicles: int = 1) -> str:
     return WITHOUT_CORE.format(root=str(ROOT), form=form, vehicles=vehicles)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_a_reader_that_goes_away_is_no_error(unbuffered: str) -> None:
     """`gcs-bridge check … | head -1`: no traceback, and no code that reads as a verdict."""

@@ -453,6 +453,7 @@ def test_what_barely_explains_too_few_pairs_is_not_named(tmp_path: Path) -> None
     assert found["cause"] == "unknown" or "time_skew" in found["candidates"]
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "sysid", "rates", "fault", "begin"),
@@ -576,6 +577,7 @@ def untold(folder: Path, name: str, *faults: str) -> Path:
     return path
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "name", "rates"),

@@ -54,6 +54,7 @@ def parsed(data: bytes) -> Any:
     return mavlink.MAVLink(None).parse_char(data)
 
 
+@pytest.mark.slow
 def test_every_frame_is_there_with_its_place(plane: tuple[Path, Path]) -> None:
     """The bytes at each offset of the file are the frame's; from the first to the last none is missing."""
     recording, evidence = plane
@@ -76,6 +77,7 @@ def test_every_frame_is_there_with_its_place(plane: tuple[Path, Path]) -> None:
         assert row["seq"] == message.get_seq()
 
 
+@pytest.mark.slow
 def test_no_attitude_of_the_ten_seconds_on_both_sides_is_missing(plane: tuple[Path, Path]) -> None:
     """Both messages as pymavlink reads the whole file, cut to 10 s around the alarm: the same rows."""
     recording, evidence = plane
@@ -193,6 +195,7 @@ def test_without_an_alarm_nothing_is_written(tmp_path: Path, capsys: pytest.Capt
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_stream_without_times(tmp_path: Path) -> None:
     """Frames one behind the other: receive times are unknown, and all else is there."""
     data = inject((SITL / "c_copter_4hz.tlog").read_bytes(), [parse_fault("yaw_offset:25")], from_s=15.0)
@@ -290,6 +293,7 @@ def test_names_that_are_none_or_the_same(alarming: Path, tmp_path: Path) -> None
     assert sources == [str(tmp_path / "one" / "flight.tlog"), str(tmp_path / "two" / "flight.tlog")]
 
 
+@pytest.mark.slow
 def test_too_many_alarms_are_left_out(
     alarming: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -267,6 +267,7 @@ UNTOLD = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "sysid", "causes", "values"), TOLD)
 def test_what_was_told_is_undone(name: str, sysid: int, causes: list[str], values: list[Any]) -> None:
     """With its parameters told, a recording shows no difference, and the numbers are the parameters'."""
@@ -307,6 +308,7 @@ def test_the_view_changes_at_its_sample(name: str, forward_ms: list[tuple[int, i
     np.testing.assert_array_equal(seen.pair_causes[fitted] == VTOL_VIEW, ~forward[fitted])
 
 
+@pytest.mark.slow
 def test_a_trim_is_followed_as_it_changes() -> None:
     """The two changes in flight take effect at the very samples at which the firmware's own do."""
     seen = follow(recorded("k16_plane_trim_changes"))
@@ -394,6 +396,7 @@ def test_trims_of_the_sensors_are_fitted_as_soon_as_a_copter_leans() -> None:
         assert follow(trimmed(still, 4.0, -3.0)).explanations == []
 
 
+@pytest.mark.slow
 def test_trims_of_the_sensors_are_not_fitted_beside_a_fault() -> None:
     """A turn of a tenth of a degree about the nose, which trims do not make, is enough to fit nothing."""
     flight = trimmed(weaving(), 4.0, -3.0)
@@ -702,6 +705,7 @@ def test_what_was_told_is_not_hidden() -> None:
 # --- however it was cut ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "sysid", "fault"),

@@ -47,6 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return output
 
 
+@pytest.mark.slow
 def test_both_attitudes_are_as_pymavlink_reads_them(folder: Path) -> None:
     """Every sample, to the last bit, with its vehicle and its times."""
     table, euler = pq.read_table(folder / "attitude.parquet"), sent(SQUARE, "ATTITUDE")
@@ -150,6 +151,7 @@ def test_mcap_turns_the_body_as_scipy_does(tmp_path: Path) -> None:
     np.testing.assert_allclose((NED_TO_ENU * ned * FRD_TO_FLU.inv() * sent.inv()).magnitude(), 0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_mcap_has_every_table_and_the_events(tmp_path: Path) -> None:
     """Of each vehicle by its own topics; an alarm is an error of the log."""
     flight = FIXTURES / "k7a_gyro_bias_both.tlog"
@@ -227,6 +229,7 @@ def test_a_full_disk_is_told_in_one_line(form: str, tmp_path: Path) -> None:
     assert not [path for path in tmp_path.rglob("*") if path.is_file() and path.name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_every_other_message_has_a_table_of_its_own(tmp_path: Path) -> None:
     """As it was sent, in each format: pymavlink counts as many, and reads the same."""
     assert export(TWO, tmp_path / "tables", "--all") == 0

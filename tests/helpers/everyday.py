@@ -1,4 +1,4 @@
-"""What of a heavy family of cases is for every day, and what for the whole run alone."""
+"""What of a heavy family of cases is for every day, what for CI alone."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -7,9 +7,10 @@ import pytest
 
 
 def one_in(n: int, cases: Iterable[Any]) -> list[Any]:
-    """All cases, for `parametrize`; one of `n` is not slow. A tuple is one value a parameter."""
+    """All cases, for `parametrize`; of `n` one is for every day, the rest a sweep. A tuple is one value a parameter."""
+    sweep = [pytest.mark.slow, pytest.mark.sweep]
     return [
-        pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=[pytest.mark.slow] if i % n else [])
+        pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=sweep if i % n else [])
         for i, case in enumerate(cases)
     ]
 

@@ -99,6 +99,7 @@ def test_two_first_runs_at_once_share_the_work_and_a_later_one_finds_all_of_it(p
     assert told_by(started(package)) == ("False\n", "")
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 def test_a_new_version_is_compiled_anew_and_the_old_one_goes_on_beside_it(package: str, tmp_path: Path) -> None:
     """Whatever the times of the files say: pip may write older ones over newer ones."""
@@ -162,6 +163,7 @@ def test_without_a_helper_it_takes_longer_and_that_is_all(package: str, monkeypa
     assert len(kept()) == COUNT
 
 
+@pytest.mark.slow
 def test_the_whole_program_is_prepared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of what was compiled for these tests, the kernels that were imported judge a recording: without a word, or numba.
 

@@ -86,6 +86,7 @@ def boot_ms_of(moment: AlarmWindow) -> list[int]:
     return [t_us // 1000 for one in moment.observations for t_us in one.segment.euler.t_boot_us.tolist()]
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "fault", "size"),
@@ -106,6 +107,7 @@ def test_a_moment_does_not_depend_on_how_the_recording_was_cut(name: str, fault:
             assert same(moment[part], expected), part
 
 
+@pytest.mark.slow
 def test_a_moment_holds_every_attitude_of_the_ten_seconds_on_both_sides() -> None:
     """The times and numbers that pymavlink reads within 10 s of the alarm's boot time, no one more, no one less."""
     data = turned("a_copter_square", from_s=60.0)
@@ -144,6 +146,7 @@ def test_pairs_and_steps_carry_their_frames() -> None:
     assert steps > 200
 
 
+@pytest.mark.slow
 def test_a_moment_ends_with_its_boot() -> None:
     """A restart 3 s behind the alarm: nothing of the next boot is in it."""
     before = flown(30, fault_s=(26.0, 99.0))

@@ -193,6 +193,7 @@ def test_an_attitude_without_rates_is_interpolated_by_the_way_between(rates: flo
     assert np.abs(moved(data).a_h_m_s2).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_euler_angles_serve_where_no_quaternion_comes() -> None:
     """ATTITUDE alone gives the same motion; where both come the quaternion counts, and 0.5 s after its end no more."""
     t = np.arange(0, 8, 0.02)

@@ -21,6 +21,7 @@ from tests.helpers.live_links import fixture, judgement, recorded_judgement, tlo
 CASES = 600
 
 
+@pytest.mark.sweep
 @pytest.mark.slow  # hundreds of datagrams at random; the rest of this file is by hand
 @pytest.mark.parametrize("seed", range(2))
 def test_strangers_do_no_harm(seed: int) -> None:
@@ -32,6 +33,7 @@ def test_strangers_do_no_harm(seed: int) -> None:
     assert done.slowest_s < 5 * fuzz.SLOW_S
 
 
+@pytest.mark.slow
 def test_strangers_are_heard() -> None:
     """They are no noise that is passed over: some become vehicles, and what they send is judged."""
     hostile = fuzz.Hostile(3, system=None)
@@ -60,6 +62,7 @@ def test_a_seed_makes_the_same_again() -> None:
     assert [one.datagram() for _ in range(200)] == [other.datagram() for _ in range(200)]
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 def test_memory_does_not_grow() -> None:
     """Of 64 KiB datagrams of noise and of frames, on and on: what is held is what was held before."""
@@ -87,6 +90,8 @@ def packed(message: mavlink.MAVLink_message, system: int = 1) -> bytes:
     return bytes(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=1)))
 
 
+@pytest.mark.sweep
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["AHRS_TRIM_X", "AHRS_TRIM_Y", "PTCH_TRIM_DEG", "TRIM_PITCH_CD", "FLIGHT_OPTIONS", "X"]
 )
@@ -115,6 +120,7 @@ def judged_alone() -> dict[str, Any]:
 _TIMES_MS = (0, 1, 2**31 - 1, 2**31, 2**32 - 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", list(itertools.permutations(_TIMES_MS, 3))[::7])
 def test_times_at_the_edges(order: tuple[int, ...]) -> None:
     """Boot times at 0, at 2^32 − 1 and between them, one after the other, raise nothing and cost nothing."""
@@ -134,6 +140,7 @@ def test_times_at_the_edges(order: tuple[int, ...]) -> None:
     assert entry["salvage"]["frames"] == 480
 
 
+@pytest.mark.slow
 def test_nan_everywhere() -> None:
     """Every float of every message that is used: counted as invalid, never as agreement."""
     monitor = Monitor()

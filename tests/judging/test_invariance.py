@@ -83,6 +83,7 @@ def test_cut_anywhere(name: str) -> None:
     assert story(data, any_size(name)) == story(data, lambda: len(data))
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TELLING)
 def test_cut_into_single_bytes(name: str) -> None:
@@ -172,6 +173,7 @@ MISTAKES = [
 ]
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["loss:0.2", "reorder:0.3", "duplicate:0.2", "corrupt:0.003", *MISTAKES])
 def test_cut_anywhere_with_a_fault(fault: str) -> None:

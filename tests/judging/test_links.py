@@ -149,6 +149,7 @@ def test_a_vehicle_that_sends_nothing_is_looked_at_when_its_time_has_come(monkey
     assert sorted(looked_at) == others
 
 
+@pytest.mark.slow
 def test_an_alarm_that_is_shelved_while_its_vehicle_is_silent_returns_in_time() -> None:
     """Nothing of the vehicle comes any more: the time of the link alone ends it, with the first frame behind it."""
     monitor = Monitor()
@@ -161,6 +162,7 @@ def test_an_alarm_that_is_shelved_while_its_vehicle_is_silent_returns_in_time() 
     assert back == [end_us + 3 * S // 2]
 
 
+@pytest.mark.slow
 def test_observers_see_vehicles_alone_and_all_of_them() -> None:
     """A ground station that sends attitudes is shown to nobody; of a vehicle that is known late nothing is missing."""
     station = [

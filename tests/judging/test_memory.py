@@ -69,6 +69,7 @@ print(more_mb, seconds, entry.verdict, vehicle.checks[0].pairs, entry.other_coun
 """
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 def test_thousands_of_forged_senders_beside_a_vehicle() -> None:
     """A heartbeat and an attitude each: below 300 MB, in seconds; the vehicle is judged, and they are counted."""

@@ -256,6 +256,7 @@ def test_what_is_shorter_than_the_delay_is_no_alarm(count: int) -> None:
     assert entry["vehicles"][0]["alarms"] == []
 
 
+@pytest.mark.slow
 def test_a_second_excursion_is_a_second_alarm() -> None:
     """Two excursions 34 s apart, beyond the 30 s of a repeat, are two alarms with names of their own, in order."""
     events, entry = watched(sent(45, 10, quaternion=lambda n: YAWED_25 if 40 <= n < 80 or 380 <= n < 420 else UPRIGHT))

@@ -140,6 +140,7 @@ def test_without_a_key_a_signed_and_an_unsigned_sender_of_one_identity_are_told(
     assert "with and without a signature" in next(e["reason"] for e in events if e["event"] == "damage")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unsigned", ["flag", "reject"])
 def test_cut_anywhere(unsigned: str) -> None:
     """Whole, in pieces of 37 bytes and a record at a time: the same events in the same order, and the same report."""

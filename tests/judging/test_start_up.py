@@ -80,6 +80,7 @@ def test_alarms_wait(name: str) -> None:
     assert goes_on["boot_s"] == pytest.approx(BOOT_S + 12.2)
 
 
+@pytest.mark.slow
 def test_without_a_word_of_it_they_do_not() -> None:
     """The same while nobody says anything, or says that it is ready, is an alarm."""
     for says in ([], [(0.0, ekf(831))], [(0.0, status(True))]):
@@ -107,6 +108,7 @@ def test_who_is_armed_is_not_starting() -> None:
     assert alarms(flown([(0.0, ekf(0))], base_mode=ARMED)[1]) != []
 
 
+@pytest.mark.slow
 def test_it_does_not_wait_for_ever() -> None:
     """DCM reports no flags at all: after two minutes it is judged nevertheless."""
     found = alarms(flown([(0.0, ekf(0))], bad_s=(0, 130), seconds=132)[1])
@@ -122,6 +124,7 @@ def test_nothing_but_start_up() -> None:
     assert entry["reason"].startswith("start-up from 10.0 to 39.9 s of boot 0: not judged")
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["PX4's", "two of them"])
 def test_it_is_cut_anywhere(name: str) -> None:

@@ -57,6 +57,7 @@ def alarmed(datagrams: list[tuple[bytes, int]]) -> set[str]:
     return {alarm["check"] for alarm in vehicle["alarms"]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("garbage", [1e18, -1e18, math.inf, math.nan])
 def test_one_wild_acceleration_is_damage(garbage: float) -> None:
     """It raises nothing by itself, and hides nothing: a vehicle upside down is told 30 s later all the same."""
@@ -87,6 +88,7 @@ def test_what_is_no_receive_time_is_refused(t_rx_us: Any, error: type[Exception]
     assert monitor.snapshot().links[0].frames == 1
 
 
+@pytest.mark.slow
 def test_a_recording_beside_a_link_is_another_vehicle() -> None:
     """Alarms of both have ids of their own, and one is acknowledged alone."""
     faulty = inject(wire.tlog(wire.flight(wire.Motion(12.0, seed=3), 12.0)), [parse_fault("yaw_offset:25")], from_s=4.0)
@@ -100,6 +102,7 @@ def test_a_recording_beside_a_link_is_another_vehicle() -> None:
     assert {alarm["id"]: alarm["acknowledged"] for alarm in alarms} == {live: False, recorded: True}
 
 
+@pytest.mark.slow
 def test_a_disagreement_without_end_keeps_no_more_than_is_asked_about(monkeypatch: pytest.MonkeyPatch) -> None:
     """Once no answer can become better, what the doctor would need goes: as much is kept as on a healthy flight."""
     kept: list[int] = []  # pairs, by batch

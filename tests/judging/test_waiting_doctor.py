@@ -40,6 +40,7 @@ def diagnoses(events: list[Event]) -> list[Event]:
     return [event for event in events if isinstance(event, DiagnosisMade)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("asked_each", "reboots"), [(0, False), (7, False), (0, True)])
 def test_whenever_it_answers_it_says_the_same(asked_each: int, reboots: bool) -> None:
     """Diagnoses, their times, and what alarms say as they go; and in the report: as of one who answers at once."""

@@ -129,6 +129,7 @@ def test_live_is_recorded_over_tcp(name: str, cut: int | None, recording: Record
     assert (judged, alarms(live.events)) == recorded(tlog_of(frames)) == recorded(recording.read())
 
 
+@pytest.mark.slow
 def test_live_is_recorded_over_serial(recording: Recording) -> None:
     """The same over a pair of serial terminals."""
     frames = FLIGHTS["a copter with a fault"][0]()

@@ -32,6 +32,7 @@ def forget() -> None:
     dialect.load_dialect.cache_clear()
 
 
+@pytest.mark.slow
 def test_the_second_process_does_without_pymavlink(kept: Path) -> None:
     """The tables are the same, bit for bit."""
     program = """

@@ -277,6 +277,8 @@ def assert_pieces_change_nothing(data: bytes, size: int, *, timed: bool) -> None
     assert salvage == whole_salvage
 
 
+@pytest.mark.sweep
+@pytest.mark.slow
 @pytest.mark.parametrize("timed", [True, False], ids=["recording", "stream"])
 @pytest.mark.parametrize("size", [65536, 4099, 97])
 @pytest.mark.parametrize("name", [DAMAGED, SIGNED, VERSION_1])
@@ -653,6 +655,7 @@ _bits = st.one_of(
 )
 
 
+@pytest.mark.slow
 @SLOW
 @given(st.lists(_bits, max_size=12), st.booleans(), st.lists(st.integers(1, 60), max_size=30))
 def test_any_bytes_are_read_without_error_and_no_false_frame_is_given(
@@ -694,6 +697,7 @@ def scanned(batches: Sequence[Sequence[bytes]], *, timed: bool, whole: bool, at_
     return yielded, raw, scanner.salvage
 
 
+@pytest.mark.slow
 @SLOW
 @given(st.lists(st.lists(_bits, max_size=8), max_size=4), st.sampled_from(["recording", "stream", "datagrams"]))
 def test_chunks_at_once_are_chunks_one_by_one(batches: list[list[bytes]], kind: str) -> None:

@@ -111,6 +111,7 @@ def test_a_scrape(loop: Loop) -> None:
         assert other.read().endswith(b"# EOF\n")
 
 
+@pytest.mark.slow
 def test_the_loop_alone_looks_and_only_when_asked(loop: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody scrapes: nothing is looked at. However many do, it is the loop's thread, and once in a while."""
     time.sleep(0.05)
@@ -216,6 +217,7 @@ def test_what_is_no_port(port: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert shown.err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_nothing_of_it_is_loaded_unless_asked_for() -> None:
     """Neither Prometheus's library nor the standard library's server, by what every live command imports."""
     program = (

@@ -53,6 +53,7 @@ def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "flight.html"
 
 
+@pytest.mark.slow
 def test_the_verdict_comes_first_and_each_check_has_its_line(faulty: Path) -> None:
     """Cause, value and what to do; what was not judged, and why."""
     said = str(Text(faulty.read_text()))
@@ -76,6 +77,7 @@ def test_it_asks_nobody_and_holds_the_curves(faulty: Path) -> None:
     assert np.abs(np.concatenate(yaw)).max() <= 180.0
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes(faulty: Path, tmp_path: Path) -> None:
     """No time of day, no place of a machine but the path that was given."""
     assert main(["check", str(faulty.with_name("flight.tlog")), "--output", str(tmp_path / "again.html"), "-q"]) == 1

@@ -17,6 +17,7 @@ def test_few_rows_stay_as_they_are() -> None:
     np.testing.assert_array_equal(curves.rows()[1], values)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32), st.integers(20_000, 200_000), st.integers(100, 20_000))
 def test_no_peak_is_lost_and_the_length_is_bounded(seed: int, n: int, piece: int) -> None:

@@ -148,12 +148,14 @@ def test_an_attitude_between_two(rate_rad_s: float) -> None:
 messages = st.lists(st.tuples(st.sampled_from("sq"), st.integers(0, 60).map(lambda n: n * 100_000)), max_size=40)
 
 
+@pytest.mark.slow
 @given(heard=messages, cuts=st.lists(st.integers(1, 40), max_size=8))
 def test_any_cutting_gives_the_same(heard: list[Heard], cuts: list[int]) -> None:
     """In whatever order times come and wherever they are cut, the answers are those of the slow search."""
     assert answers(heard, cuts) == answers(heard) == searched(heard)
 
 
+@pytest.mark.slow
 @given(
     steps=st.lists(st.tuples(st.sampled_from("sssq"), st.integers(-300_000, 700_000)), max_size=60),
     cuts=st.lists(st.integers(1, 60), max_size=8),

@@ -29,6 +29,7 @@ def sent(name: str) -> dict[tuple[str, int, int], list[Any]]:
     return found
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_every_message_and_every_field(name: str) -> None:

@@ -184,6 +184,7 @@ def test_every_cause_raises_an_alarm_in_acro(cause: str) -> None:
     assert first["diagnosis"]["cause"] == cause
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize("from_s", [0.0, 12.0])
 @pytest.mark.parametrize(

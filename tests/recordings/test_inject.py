@@ -107,6 +107,7 @@ def rpy_of(message: Any) -> Array:
     return rpy
 
 
+@pytest.mark.slow
 def test_rates_of_the_angles_are_sent_by_both_messages() -> None:
     """Both carry what their angles change by; turned back with the angles it is the body's rates."""
     data = recording("b_copter_acro", 3000)

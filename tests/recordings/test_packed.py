@@ -103,6 +103,7 @@ def test_each_gives_the_report_of_its_tlog(name: str, packed: bytes, tmp_path: P
     assert judged(tmp_path / name, packed) == report
 
 
+@pytest.mark.slow
 def test_what_both_ends_say_is_one_link_and_other_flows_are_others(tmp_path: Path) -> None:
     """A vehicle that a router sends to two stations is judged twice, once a flow: it is not two that interleave."""
     packets = []

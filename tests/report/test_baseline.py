@@ -58,6 +58,7 @@ def test_what_was_not_compared_before_is_no_news() -> None:
     assert report(half).exit_code("alarm", known_from(report(half).files, report(whole).files)) == 4
 
 
+@pytest.mark.slow
 def test_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A flight with a fault fails once; with its own report as the baseline it does not; with another fault it does."""
     data = (FIXTURES / "c_copter_4hz.tlog").read_bytes()

@@ -136,6 +136,7 @@ def test_a_station_that_was_heard_is_named() -> None:
     assert sum("the station 255,190 has changed it; asked again" in line for line in run.said) == 3
 
 
+@pytest.mark.slow
 def test_two_stations_that_undo_each_other_s_wish_tire() -> None:
     """One that sets 4 Hz every 3 s is answered ever more rarely: some times in ten minutes, not two hundred."""
     run = Run(Autopilot()).go_on(30)
@@ -160,6 +161,7 @@ def test_a_link_that_takes_no_more(limit_hz: float) -> None:
     assert sum("the link takes no more" in line for line in run.said) == 3
 
 
+@pytest.mark.slow
 def test_a_rate_that_is_granted_and_never_comes() -> None:
     """Where the vehicle does not tell its intervals it is asked twice more, and then no more."""
     run = Run(Autopilot(tells_intervals=False, limit_hz=5.0)).go_on(600)

@@ -73,6 +73,7 @@ def test_as_many_of_each_sender_as_pymavlink_finds(path: Path) -> None:
     assert counts(census(path.read_bytes())) == dict(found)
 
 
+@pytest.mark.slow
 def test_the_pieces_do_not_matter() -> None:
     """One byte at a time, and as a whole: the same, but for the last digits of a sum."""
     recording = wire.tlog(wire.flight(wire.Motion(3.0), 3.0))

@@ -28,6 +28,7 @@ def frames_of(sent: list[Sent], t_rx_us: list[int] | None = None) -> np.ndarray:
     return frames
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(1, 3), st.integers(0, 2), st.sampled_from(MESSAGES)), min_size=1, max_size=60))
 def test_each_component_has_its_frames_in_order_of_arrival_and_by_message(sent: list[Sent]) -> None:
     """Against plain lists: every frame is somebody's, once, and none has changed places with one of its own."""

@@ -84,6 +84,7 @@ def test_what_is_put_late_holds_from_its_own_frame_on() -> None:
     assert at(latest, 25, 30) == [2.5, 3.0]
 
 
+@pytest.mark.slow
 @given(
     put=st.lists(st.integers(0, 50), unique=True).map(sorted),
     asked=st.lists(st.integers(0, 50)).map(sorted),

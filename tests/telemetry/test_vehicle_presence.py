@@ -85,6 +85,7 @@ def test_many_losses_in_one_batch_are_all_told() -> None:
     assert len(told([(own, ms + 7000 * i) for i in range(100) for own, ms in once])) == 2 * 99 + 1
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.booleans(), st.sampled_from([0, 40, 2000, 5001])), min_size=1, max_size=60), st.data())
 def test_the_cut_into_batches_changes_nothing(steps: list[tuple[bool, int]], data: st.DataObject) -> None:
     """In any pieces, and frame by frame."""

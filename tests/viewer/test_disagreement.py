@@ -75,6 +75,7 @@ def test_once_diagnosed_the_corrected_triad_falls_onto_the_right_one(fault: str,
     assert ghost_us.min() == pytest.approx(FAULT_US, abs=1_000_000)
 
 
+@pytest.mark.slow
 def test_a_trim_stays_undone_in_the_corrected_triad(tmp_path: Path) -> None:
     """ArduPlane's 3° of pitch trim, and roll of the wrong sign in steep banks: both undone, it is the solid one."""
     turned = inject((FIXTURES / "d_plane_pitchtrim3.tlog").read_bytes(), [parse_fault("roll_sign")], from_s=6.0)
@@ -88,6 +89,7 @@ def test_a_trim_stays_undone_in_the_corrected_triad(tmp_path: Path) -> None:
     assert np.abs(right.as_euler("ZYX", degrees=True)[:, 2]).max() > 45
 
 
+@pytest.mark.slow
 def test_two_mistakes_on_both_sides_are_undone_together(tmp_path: Path) -> None:
     """Neither side is right: the corrected triad shows what right angles would make of the quaternion as it is sent."""
     recording, events = drawn(flown("roll_sign", "quaternion_conjugate"), tmp_path / "a.rrd")
@@ -116,6 +118,7 @@ def test_beside_an_untold_trim_the_mistake_is_undone(tmp_path: Path, fault: str)
     assert apart_deg(corrected[np.isin(at_us, both_us)], expected).max() < 0.1
 
 
+@pytest.mark.slow
 def test_axis_and_arc_lead_from_one_attitude_to_the_other(tmp_path: Path) -> None:
     """A quaternion turned by 25° about down: the axis is down, and the arc goes from nose to nose, on a cone about it.
 

@@ -25,6 +25,7 @@ def moment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "e" / "a" / "1.1-euler_quaternion-0-1" / "moment.rrd"
 
 
+@pytest.mark.slow
 def test_the_file_holds_the_moment(moment: Path) -> None:
     """Rerun's own check is content; the rows are those of pymavlink within 10 s; the alarm is in the log."""
     verify(moment)
@@ -44,6 +45,7 @@ def test_the_file_holds_the_moment(moment: Path) -> None:
     assert disagreement[-1] == pytest.approx([25, 0.52, 0, 25], abs=1e-3)
 
 
+@pytest.mark.slow
 @can_draw
 def test_it_opens_on_the_moment(moment: Path) -> None:
     """On the boot clock, with the cursor where the fault is seen: the solid body 25° to the right of the outline."""

@@ -43,6 +43,7 @@ def test_it_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert said == ["viewer: it reads too slowly; what it cannot take is left out of it"]
 
 
+@pytest.mark.slow
 def test_samples_are_left_out_and_drawn_again(tmp_path: Path) -> None:
     """Three seconds of a flight, of which the second is not drawn."""
 

@@ -118,6 +118,7 @@ def test_the_horizon_lies_across_the_down_that_the_body_sees() -> None:
     assert np.linalg.norm(poses[:, :2], axis=1) == pytest.approx(np.abs(np.degrees(np.arcsin(down_b[:, 0]))), abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pieces", [1, 12])
 def test_the_verdict_of_a_check_goes_with_its_alarm(tmp_path: Path, pieces: int) -> None:
     """Turned by 25° for 0.2 s, which passes, and again for good: agree, pending, agree, pending, alarm."""
@@ -137,6 +138,7 @@ def test_the_verdict_of_a_check_goes_with_its_alarm(tmp_path: Path, pieces: int)
     assert at[4] > at[3]
 
 
+@pytest.mark.slow
 def test_a_tailsitters_view_is_named_where_it_explains_the_difference(tmp_path: Path) -> None:
     """It hovers, flies forward, and hovers again: the lane says what was undone, however the bytes were cut.
 
@@ -169,6 +171,7 @@ def test_flight_modes_have_their_firmwares_names() -> None:
     assert mode_name("invalid", "generic", 7) == "mode 7"
 
 
+@pytest.mark.slow
 def test_an_alarm_is_told_whole(tmp_path: Path) -> None:
     """With its size, cause and what to do, in one text; in the log it goes on in lines that can be seen."""
     flown = (FIXTURES / "c_copter_4hz.tlog").read_bytes()

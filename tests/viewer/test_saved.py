@@ -58,6 +58,7 @@ def acro(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_every_quaternion_of_a_50_hz_recording_is_written_as_sent(acro: Path) -> None:
     """One row a message, [x, y, z, w], to the last bit of the wire's float32, at its boot and its record time."""
     sent = said_by_pymavlink(FIXTURES / "b_copter_acro.tlog")["ATTITUDE_QUATERNION"]
@@ -70,6 +71,7 @@ def test_every_quaternion_of_a_50_hz_recording_is_written_as_sent(acro: Path) ->
     assert np.abs(rx_us - np.array([1e6 * message._timestamp for message in sent])).max() <= 1
 
 
+@pytest.mark.slow
 def test_roll_pitch_and_yaw_are_written_as_sent_in_degrees(acro: Path) -> None:
     """The plots of the Euler angles show what ATTITUDE said, not what became of it."""
     sent = said_by_pymavlink(FIXTURES / "b_copter_acro.tlog")["ATTITUDE"]
@@ -82,6 +84,7 @@ def test_roll_pitch_and_yaw_are_written_as_sent_in_degrees(acro: Path) -> None:
         assert degrees == pytest.approx([math.degrees(getattr(message, name)) for message in sent], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_saved_recording_passes_reruns_own_check(acro: Path) -> None:
     """`rerun rrd verify` is content, and nothing but the file is left behind."""
     verify(acro)

@@ -45,6 +45,7 @@ def steady(rpy_deg: tuple[float, float, float], *others: bytes, seconds: float =
     return wire.tlog(records)
 
 
+@pytest.mark.slow
 def test_the_second_estimate_turns_as_scipy_says(tmp_path: Path) -> None:
     """Roll, pitch and yaw of each AHRS2 of a real flight, as pymavlink reads them: SciPy's matrix to 1e-6."""
     path = FIXTURES / "c_copter_4hz.tlog"

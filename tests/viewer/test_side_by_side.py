@@ -61,6 +61,7 @@ def raised_us(path: Path, folder: Path) -> int:
     return round(1e6 * first_s)
 
 
+@pytest.mark.slow
 def test_both_start_at_zero(started: Path) -> None:
     """Every attitude lies where it was received after its recording's start, and is the one that SciPy gives there."""
     drawn = Drawn(started)
@@ -78,6 +79,7 @@ def test_both_start_at_zero(started: Path) -> None:
     assert {"/vehicle/before-1.1/body", "/vehicle/after-1.1/body", "/", "/axes"} <= drawn.static()
 
 
+@pytest.mark.slow
 def test_each_is_named_and_has_its_place(started: Path) -> None:
     """Names above the bodies and before the lines of the log; two places in the picture."""
     drawn = Drawn(started)
@@ -91,6 +93,7 @@ def test_each_is_named_and_has_its_place(started: Path) -> None:
     assert len(set(places)) == 2
 
 
+@pytest.mark.slow
 def test_both_alarms_lie_at_zero(flights: dict[str, Path], tmp_path: Path) -> None:
     """What was before its alarm lies before zero; and it can open there."""
     (tmp_path / "drawn").mkdir()
@@ -139,6 +142,7 @@ def test_a_recording_without_an_alarm_cannot_be_aligned_at_one(
     assert not list(tmp_path.glob("*.rrd"))
 
 
+@pytest.mark.slow
 def test_one_that_cannot_be_read_leaves_the_others(
     flights: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -150,6 +154,7 @@ def test_one_that_cannot_be_read_leaves_the_others(
     assert len(Drawn(path).rows("/vehicle/after-1.1/body/euler", TURN, "since_start")[0]) == 225
 
 
+@pytest.mark.slow
 def test_paced_all_play_at_once(flights: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Their events come in the order of the timeline, not one recording after the other."""
     monkeypatch.setattr(replay_run, "_PACED_BYTES", (64, 512))  # however slow this machine is
@@ -193,6 +198,7 @@ def opened_at(path: Path) -> tuple[str, float]:
     return panel["timeline"], (bounds["min"] + bounds["max"]) / 2e9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", ["alarm", "1.1-euler_quaternion-0-1"])
 def test_it_opens_around_the_alarm(at: str, flights: dict[str, Path], tmp_path: Path) -> None:
     """Of several the first file's in which there is one; on the common timeline."""

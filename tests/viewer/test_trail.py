@@ -98,6 +98,7 @@ def places(data: bytes, path: Path, pieces: int = 1) -> tuple[Drawn, Array]:
     return recording, recording.numbers(PLACE, MOVED)[1]
 
 
+@pytest.mark.slow
 def test_a_real_flight_lies_where_its_messages_say(tmp_path: Path) -> None:
     """Each GLOBAL_POSITION_INT behind the first, as pymavlink reads it: its place is the oracle's to 3 cm."""
     path = FIXTURES / "a_copter_square.tlog"
@@ -168,6 +169,7 @@ def test_a_vehicle_that_is_elsewhere_from_now_on_leaves_no_line(tmp_path: Path) 
     assert np.linalg.norm(pieces[:, 1] - pieces[:, 0], axis=1).max() < 20
 
 
+@pytest.mark.slow
 def test_the_best_message_is_followed(tmp_path: Path) -> None:
     """The GPS until the estimate comes; places of the vehicle's own world only where it tells no other."""
     north = north_of_zurich
@@ -208,6 +210,7 @@ def renumbered(frame: bytes, sysid: int) -> bytes:
     return wire.with_checksum(frame[:5] + bytes([sysid]) + frame[6:], extra)
 
 
+@pytest.mark.slow
 def test_how_it_was_cut_does_not_matter(tmp_path: Path) -> None:
     """Whole or in 57 pieces: the same places, attitudes and trail."""
     data = (FIXTURES / "c_copter_4hz.tlog").read_bytes()
@@ -238,6 +241,7 @@ def test_nobody_looks_nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     assert read
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @can_draw
 @has_browser
