@@ -1,6 +1,6 @@
 """Every mistake of the causes' table put into recordings of real autopilots: is it found, how soon, and is it named?
 
-    python -m benchmarks.diagnosis                  # the project's own recordings; some five minutes on two cores
+    python -m benchmarks.diagnosis                  # the project's own recordings; half an hour or more on two cores
     python -m benchmarks.diagnosis --more FOLDER    # and every .tlog in a folder
     python -m benchmarks.diagnosis --every 10       # one case in ten
     python -m benchmarks.diagnosis --begin 0.5      # the mistakes begin later in each recording
