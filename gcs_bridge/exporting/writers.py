@@ -104,8 +104,13 @@ class TableFiles:
         suffix: str,
         open_writer: Callable[[IO[bytes], pa.Schema], Any],
         said: dict[str, str],
+        shape: Callable[[pa.RecordBatch], pa.RecordBatch] = lambda rows: rows,
     ) -> None:
-        """Begin all files. UsageError where the folder cannot be written to."""
+        """Begin all files; `shape` makes of rows what the format can hold.
+
+        UsageError where the folder cannot be written to.
+        """
+        self._shape = shape
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
         self._folder, self._suffix, self._open, self._said = folder, suffix, open_writer, said
@@ -119,9 +124,12 @@ class TableFiles:
 
     def write(self, name: str, rows: pa.RecordBatch) -> None:
         """Take more rows of a table; one that is not among `TABLES` begins with its first."""
+        if name not in TABLES and name.lower() in TABLES:
+            name += "_sent"  # not every file system tells ATTITUDE from attitude
+        shaped = self._shape(rows)
         if name not in self._tables:
-            self._begin(name, rows.schema)
-        self._tables[name].write(rows)
+            self._begin(name, shaped.schema)
+        self._tables[name].write(shaped)
 
     def _begin(self, name: str, schema: pa.Schema) -> None:
         path = self._folder / f"{name}{self._suffix}"
@@ -146,7 +154,21 @@ def _parquet(path: Path, frame: Convention, said: dict[str, str]) -> Writer:
 
 
 def _csv(path: Path, frame: Convention, said: dict[str, str]) -> Writer:
-    return TableFiles(path, frame, ".csv", pyarrow.csv.CSVWriter, said)
+    return TableFiles(path, frame, ".csv", pyarrow.csv.CSVWriter, said, _flat)
+
+
+def _flat(rows: pa.RecordBatch) -> pa.RecordBatch:
+    """Lists of fixed size as a column for each place, numbered from 0."""
+    if not any(map(pa.types.is_fixed_size_list, rows.schema.types)):
+        return rows
+    columns: dict[str, pa.Array] = {}
+    for field, column in zip(rows.schema, rows.columns, strict=True):
+        if not pa.types.is_fixed_size_list(field.type):
+            columns[field.name] = column
+            continue
+        size, values = field.type.list_size, column.flatten()
+        columns |= {f"{field.name}_{at}": values[at::size] for at in range(size)}
+    return pa.RecordBatch.from_pydict(columns)
 
 
 def _mcap(path: Path, frame: Convention, said: dict[str, str]) -> Writer:

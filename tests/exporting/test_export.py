@@ -239,6 +239,24 @@ def test_every_other_message_has_a_table_of_its_own(tmp_path: Path) -> None:
     assert sorted(one["frame_index"] for one in told) == sorted(table["frame_index"].to_pylist())
 
 
+def test_csv_has_a_column_for_each_place_of_an_array(tmp_path: Path) -> None:
+    """As pymavlink reads it; and no two tables that a file system without upper case would take for one."""
+    assert export(SQUARE, tmp_path, "--all", "--format", "csv", *SHORT) == 0
+    first_us = next(iter(sent(SQUARE, "HEARTBEAT")))._timestamp * 1e6
+    with (tmp_path / "EKF_STATUS_REPORT.csv").open() as file:
+        assert len(list(csv.DictReader(file))) > 10
+    with (tmp_path / "BATTERY_STATUS.csv").open() as file:
+        rows = {int(row["t_rx_us"]): row for row in csv.DictReader(file)}
+    flown = [one for one in sent(SQUARE, "BATTERY_STATUS") if 60e6 < one._timestamp * 1e6 - first_us < 69e6]
+    assert flown
+    for one in flown:
+        row = rows[round(one._timestamp * 1e6)]
+        assert [int(row[f"voltages_{at}"]) for at in range(10)] == one.voltages
+    names = [path.name for path in tmp_path.iterdir()]
+    assert len({name.lower() for name in names}) == len(names)
+    assert {"attitude.csv", "ATTITUDE_sent.csv"} < set(names)
+
+
 def test_mcap_says_null_where_nothing_is_known(tmp_path: Path) -> None:
     """JSON knows no NaN: of a quaternion of NaN its rows say null, and there is no transform."""
     data = (FIXTURES / "c_copter_4hz.tlog").read_bytes()
