@@ -19,6 +19,7 @@ from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
 from gcs_bridge.cli import main
+from tests.helpers import wire
 from tests.helpers.paths import FIXTURES, ROOT
 
 SQUARE = FIXTURES / "a_copter_square.tlog"
@@ -267,6 +268,34 @@ def test_mcap_says_null_where_nothing_is_known(tmp_path: Path) -> None:
     assert [said["q_nb_w"] for said in rows if not said["valid"]] == [None]
     turns = [said for topic, _, _, said in told if topic == "/1.1/attitude_quaternion/transform"]
     assert len(turns) == len(rows) - 1
+
+
+def test_a_damaged_time_does_not_draw_the_timeline_out(tmp_path: Path) -> None:
+    """Ten records without a time among those of a minute: the file still lasts a minute, not since 1970."""
+    flight = list(wire.records((FIXTURES / "c_copter_4hz.tlog").read_bytes()))
+    for at in range(300, 310):
+        flight[at] = 0, flight[at][1]
+    (tmp_path / "a.tlog").write_bytes(wire.tlog(flight))
+    assert export(tmp_path / "a.tlog", tmp_path / "a.mcap", "--format", "mcap", "--all") == 0
+    with (tmp_path / "a.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_start_time >= flight[0][0] * 1000
+    assert summary.statistics.message_end_time <= flight[-1][0] * 1000
+
+
+def test_mcap_of_a_stream_without_times_is_on_the_vehicle_s_clock(tmp_path: Path) -> None:
+    """Messages that nothing here judges too, where they carry it."""
+    (tmp_path / "a.raw").write_bytes(b"".join(frame for _, frame in wire.records(SQUARE.read_bytes())))
+    assert export(tmp_path / "a.raw", tmp_path / "a.mcap", "--format", "mcap", "--all") == 0
+    told = {
+        said["time_boot_ms"]: t_ns
+        for topic, _, t_ns, said in messages(tmp_path / "a.mcap")
+        if topic == "/1.1/GLOBAL_POSITION_INT"
+    }
+    assert len(told) > 10
+    assert all(t_ns == ms * 1_000_000 for ms, t_ns in told.items())
 
 
 def with_nan_quaternion(data: bytes) -> bytes:
