@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Any, Protocol
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
 
@@ -158,17 +159,18 @@ def _csv(path: Path, frame: Convention, said: dict[str, str]) -> Writer:
 
 
 def _flat(rows: pa.RecordBatch) -> pa.RecordBatch:
-    """Lists of fixed size as a column for each place, numbered from 0."""
-    if not any(map(pa.types.is_fixed_size_list, rows.schema.types)):
-        return rows
-    columns: dict[str, pa.Array] = {}
+    """Lists of fixed size as a column for each place, from 0; no text begins as a spreadsheet's formula does."""
+    fields, columns = list[pa.Field](), list[pa.Array]()
     for field, column in zip(rows.schema, rows.columns, strict=True):
-        if not pa.types.is_fixed_size_list(field.type):
-            columns[field.name] = column
-            continue
-        size, values = field.type.list_size, column.flatten()
-        columns |= {f"{field.name}_{at}": values[at::size] for at in range(size)}
-    return pa.RecordBatch.from_pydict(columns)
+        if pa.types.is_fixed_size_list(field.type):
+            size, values = field.type.list_size, column.flatten()
+            fields += [pa.field(f"{field.name}_{at}", field.type.value_type) for at in range(size)]
+            columns += [values[at::size] for at in range(size)]
+        else:
+            fields.append(field)
+            is_text = pa.types.is_string(field.type)
+            columns.append(pc.replace_substring_regex(column, r"^([=+@-])", r"'\1") if is_text else column)
+    return pa.RecordBatch.from_arrays(columns, schema=pa.schema(fields))
 
 
 def _mcap(path: Path, frame: Convention, said: dict[str, str]) -> Writer:

@@ -258,6 +258,18 @@ def test_csv_has_a_column_for_each_place_of_an_array(tmp_path: Path) -> None:
     assert {"attitude.csv", "ATTITUDE_sent.csv"} < set(names)
 
 
+def test_no_text_from_the_air_is_a_formula(tmp_path: Path) -> None:
+    """A spreadsheet computes what begins with =, +, - or @: there is a quote before it."""
+    texts = (b"=cmd|'/c calc'!A1", b"+1", b"-1", b"@SUM(1)", b"a=1")
+    flight = [
+        (10**15 + at, wire.pack(mavutil.mavlink.MAVLink_statustext_message(6, text))) for at, text in enumerate(texts)
+    ]
+    (tmp_path / "a.tlog").write_bytes(wire.tlog(flight))
+    assert export(tmp_path / "a.tlog", tmp_path / "csv", "--all", "--format", "csv") == 4
+    with (tmp_path / "csv" / "STATUSTEXT.csv").open() as file:
+        assert [row["text"] for row in csv.DictReader(file)] == ["'=cmd|'/c calc'!A1", "'+1", "'-1", "'@SUM(1)", "a=1"]
+
+
 def test_mcap_says_null_where_nothing_is_known(tmp_path: Path) -> None:
     """JSON knows no NaN: of a quaternion of NaN its rows say null, and there is no transform."""
     data = (FIXTURES / "c_copter_4hz.tlog").read_bytes()

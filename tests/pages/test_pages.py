@@ -80,7 +80,10 @@ def test_it_asks_nobody_and_holds_the_curves(faulty: Path) -> None:
 def test_what_is_no_number_is_a_gap(tmp_path: Path) -> None:
     """An infinite pitch: the browser's JSON knows neither NaN nor Infinity, and would draw nothing at all."""
     flight = [
-        (10**15 + t, wire.attitude(t // 1000, (0.0, np.inf if t == 2_500_000 else 0.1, 0.2)))
+        (
+            10**15 + t,
+            wire.attitude(t // 1000, (np.inf if t == 2_500_000 else 0.0, np.inf if t == 2_500_000 else 0.1, 0.2)),
+        )
         for t in range(10**6, 10**7, 100_000)
     ]
     flight.insert(0, (10**15, wire.heartbeat()))
