@@ -184,7 +184,8 @@ def _one_of(names: list[str], wanted: _Wanted, what: str) -> str:
     if wanted.inside in names:
         return str(wanted.inside)
     if wanted.inside is not None or len(names) > 1:
-        named = ", ".join(f"{wanted.path}{INSIDE}{name}" for name in names[:_MOST_NAMED])
+        option_like = "-- " * (wanted.path == STANDARD_INPUT)  # behind two dashes nothing is taken for an option
+        named = ", ".join(f"{option_like}{wanted.path}{INSIDE}{name}" for name in names[:_MOST_NAMED])
         more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
         lacks = "" if wanted.inside is None else f"no {what} {wanted.inside!r} in it; "
         raise SourceError(one_line(f"{wanted.path}: {lacks}name one of the {len(names)} in it: {named}{more}"))
