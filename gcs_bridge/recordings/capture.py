@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any, BinaryIO, NamedTuple
 
 import dpkt
@@ -131,11 +132,16 @@ def _datagram(t_us: int, link: int, packet: bytes, passed: _Passed) -> _Datagram
         if udp.ulen > len(udp.data) + 8:
             passed.truncated += 1
             return None
-        ends = sorted(((network.src, udp.sport), (network.dst, udp.dport)))
+        one, other = (network.src, udp.sport), (network.dst, udp.dport)
     except (dpkt.UnpackError, ValueError, AttributeError):
         return None
-    flow = "-".join(f"{dpkt.utils.inet_to_str(address)}:{port}" for address, port in ends)
-    return _Datagram(flow, t_us, bytes(udp.data))
+    return _Datagram(_flow(one, other), t_us, bytes(udp.data))
+
+
+@lru_cache(maxsize=1024)
+def _flow(one: tuple[bytes, int], other: tuple[bytes, int]) -> str:
+    """How the flow between two ends is called, whichever of them sent."""
+    return "-".join(f"{dpkt.utils.inet_to_str(address)}:{port}" for address, port in sorted((one, other)))
 
 
 def _ip(packet: bytes) -> Any:
