@@ -1,4 +1,4 @@
-"""Where a result goes: a file that is whole or not there, or standard output."""
+"""What a path means, and where a result goes: a file that is whole or not there, or standard output."""
 
 from __future__ import annotations
 
@@ -8,7 +8,16 @@ from pathlib import Path
 
 from gcs_bridge.errors import UsageError
 
-__all__ = ["refuse_unwritable", "write_file", "write_stdout"]
+__all__ = ["INSIDE", "file_of", "refuse_unwritable", "write_file", "write_stdout"]
+
+INSIDE = "::"
+"""Stands between a file and the name of a recording in it."""
+
+
+def file_of(path: Path) -> tuple[Path, str | None]:
+    """The file that a path means, and which of the recordings in it."""
+    file, colons, inside = str(path).partition(INSIDE)
+    return (Path(file), inside) if colons and not path.exists() else (path, None)
 
 
 def refuse_unwritable(path: Path, *, sources: list[Path]) -> None:
@@ -25,7 +34,7 @@ def _refuse(path: Path, sources: list[Path]) -> None:
         raise UsageError(f"cannot write {path}: it is a folder")
     if not folder.is_dir():
         raise UsageError(f"cannot write {path}: there is no folder {folder}")
-    if path.exists() and any(source.exists() and path.samefile(source) for source in sources):
+    if path.exists() and any(file.exists() and path.samefile(file) for file, _ in map(file_of, sources)):
         raise UsageError(f"cannot write {path}: it is one of the recordings to be read")
     is_device = path.exists() and not path.is_file()  # is written to itself, its folder need not be
     if not os.access(path if is_device else folder, os.W_OK):

@@ -48,6 +48,8 @@ class AttitudeAssertions:
         __tracebackhide__ = True
         from gcs_bridge.report.baseline import NOTHING_KNOWN, known_from, read_baseline
 
+        if not paths:
+            raise TypeError("assert_attitude_agrees: name a recording; of none, nothing can be asserted")
         report = self.check(*paths, **asked)
         known = NOTHING_KNOWN if baseline is None else known_from(report.files, read_baseline(Path(baseline)))
         if report.exit_code(fail_on, known):

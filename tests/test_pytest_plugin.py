@@ -37,6 +37,11 @@ def test_an_alarm_fails_with_the_report_and_a_baseline_lets_it_pass(pytester: py
     run(pytester, "'flight.tlog', baseline='before.json'").assert_outcomes(passed=1)
 
 
+def test_of_no_recording_nothing_is_asserted(pytester: pytest.Pytester) -> None:
+    """A list of files that happens to be empty is no pass."""
+    run(pytester, "*[]").assert_outcomes(failed=1)
+
+
 def test_what_was_not_compared_fails(pytester: pytest.Pytester) -> None:
     """An attitude that nothing was compared with is no good one."""
     (pytester.path / "flight.tlog").write_bytes(inject(FLIGHT.read_bytes(), [parse_fault("thin:ATTITUDE=0.01")]))

@@ -207,9 +207,10 @@ def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeEr
             for name in names
             if name.lower().endswith(_FOUND) and os.path.isfile(Path(folder, name))
         )
-        found.update(dict.fromkeys(one for file in inside for one in recordings_in(file)))
+        recordings = [one for file in inside for one in recordings_in(file)]
+        found.update(dict.fromkeys(recordings))
         failures += [SourceError(f"{error.filename}: cannot be searched: {error.strerror}") for error in unreadable]
-        if not inside and not unreadable:
+        if not recordings and not unreadable:
             failures.append(
                 SourceError(f"{path}: no recording in this folder (looked for {', '.join(READERS)}, {PACKED} of each)")
             )

@@ -13,8 +13,8 @@ from gcs_bridge.cli.live_run import refuse_not_positive, warm_up
 from gcs_bridge.cli.signing_options import key_of, signing_key_option
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import UsageError
+from gcs_bridge.files import file_of
 from gcs_bridge.recordings.open import READERS
-from gcs_bridge.recordings.packed import file_of
 
 if TYPE_CHECKING:  # loaded when there is something to examine
     from gcs_bridge.inspection.heard import Heard, Refused

@@ -62,13 +62,14 @@ def export(
     4 no vehicle in it sent its attitude.
     """
     from gcs_bridge.errors import UsageError
+    from gcs_bridge.recordings.packed import name_of
     from gcs_bridge.settings import load_settings
 
     refuse_times(from_s, to_s)
     settings = load_settings(profile, config)
     selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
     selected |= {"signing_key": key_of(signing_key_file, unsigned), "unsigned": unsigned}
-    target = output or Path(f"{path.stem}-export" if form in ("parquet", "csv") else f"{path.stem}.{form}")
+    target = output or Path(f"{name_of(path)}-export" if form in ("parquet", "csv") else f"{name_of(path)}.{form}")
     if form == "rrd":
         if frame != "ned_frd":
             raise UsageError(f"--frame {frame}: the viewer's scene is in ned_frd alone")

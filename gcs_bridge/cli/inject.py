@@ -67,9 +67,10 @@ def inject(
     from gcs_bridge.recordings.faults import parse_fault
     from gcs_bridge.recordings.inject import inject_file
     from gcs_bridge.recordings.open import open_recording
+    from gcs_bridge.recordings.packed import name_of
 
     wanted = [parse_fault(fault) for fault in faults]
-    target = output or Path(f"{path.stem}.{'+'.join(re.sub(r'[:=,]', '_', fault) for fault in faults)}.tlog")
+    target = output or Path(f"{name_of(path)}.{'+'.join(re.sub(r'[:=,]', '_', fault) for fault in faults)}.tlog")
     with open_recording(path, dialect, judged=False) as source:
         if not source.timed:
             raise SourceError(f"{path}: a stream without record times: faults can be put into a .tlog alone")

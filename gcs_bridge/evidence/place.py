@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from gcs_bridge.errors import UsageError
+from gcs_bridge.recordings.packed import name_of
 
 __all__ = ["INDEX", "Folder", "Place"]
 
@@ -98,7 +99,7 @@ def _folders(path: Path, recordings: Iterable[Path]) -> dict[Path, Path]:
     taken: set[str] = set()
     for recording in recordings:
         # What no viewer or program could read as a name: bytes that are no UTF-8, control characters, separators.
-        plain = re.sub(r'[\ud800-\udfff\x00-\x1f\x7f/\\:*?"<>|]', "_", recording.stem).lstrip(".") or "_"
+        plain = re.sub(r'[\ud800-\udfff\x00-\x1f\x7f/\\:*?"<>|]', "_", name_of(recording)).lstrip(".") or "_"
         name, number = plain, 1
         while name.casefold() in taken:
             number += 1

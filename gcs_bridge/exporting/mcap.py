@@ -2,7 +2,8 @@
 
 Topics begin with the vehicle: `/1.1/attitude/transform` and `/1.1/attitude_quaternion/transform` turn its body in its
 world, `/1.1/attitude` and the other tables hold their rows, `/events` what happened. Log and publish time of a message
-are that of its receipt; where no receive times are known, they are the vehicle's boot time.
+are that of its receipt. Where a recording's is damaged, they are the latest before; where it has none, they are the
+vehicle's boot time, or 0 if a message does not carry it.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ _LOG = {
     },
 }
 _INFO, _WARNING, _ERROR = 2, 3, 4  # foxglove.LogLevel
+_BOOT_CLOCKS = (("t_boot_us", 1_000), ("time_boot_ms", 1_000_000))  # columns, and ns in their unit
 _HERE = {"x": 0.0, "y": 0.0, "z": 0.0}
 
 
@@ -63,8 +65,8 @@ class McapFile:
         self._encode = msgspec.json.Encoder().encode
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._counts: dict[str, int] = {}
         self._latest_ns = 0
+        self._has_times = False  # of receipt
         with writing(path):
             self._file = self._temporary.open("wb")
             self._mcap = McapWriter(self._file, compression=CompressionType.ZSTD)
@@ -138,10 +140,16 @@ class McapFile:
             self._add(topic, t_ns, self._encode(said))
 
     def _times_ns(self, rows: pa.RecordBatch) -> list[int]:
-        received = rows["t_rx_us"].to_pylist()
-        boot = rows["t_boot_us"].to_pylist() if "t_boot_us" in rows.schema.names else [None] * len(rows)
-        times = [1000 * (t if t is not None else max(b or 0, 0)) for t, b in zip(received, boot, strict=True)]
-        self._latest_ns = max(self._latest_ns, *times)
+        clock, to_ns = next((one for one in _BOOT_CLOCKS if one[0] in rows.schema.names), (None, 0))
+        boot = [None] * len(rows) if clock is None else rows[clock].to_pylist()
+        times = []
+        for received_us, since_boot in zip(rows["t_rx_us"].to_pylist(), boot, strict=True):
+            if received_us is not None:
+                self._has_times = True
+                times.append(1000 * received_us)
+            else:
+                times.append(self._latest_ns if self._has_times else max(to_ns * (since_boot or 0), 0))
+            self._latest_ns = max(self._latest_ns, times[-1])
         return times
 
     def _channel(self, topic: str, schema: str, layout: dict[str, Any]) -> int:

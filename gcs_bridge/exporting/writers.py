@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Any, Protocol
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
 
@@ -104,8 +105,13 @@ class TableFiles:
         suffix: str,
         open_writer: Callable[[IO[bytes], pa.Schema], Any],
         said: dict[str, str],
+        shape: Callable[[pa.RecordBatch], pa.RecordBatch] = lambda rows: rows,
     ) -> None:
-        """Begin all files. UsageError where the folder cannot be written to."""
+        """Begin all files; `shape` makes of rows what the format can hold.
+
+        UsageError where the folder cannot be written to.
+        """
+        self._shape = shape
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
         self._folder, self._suffix, self._open, self._said = folder, suffix, open_writer, said
@@ -119,9 +125,12 @@ class TableFiles:
 
     def write(self, name: str, rows: pa.RecordBatch) -> None:
         """Take more rows of a table; one that is not among `TABLES` begins with its first."""
+        if name not in TABLES and name.lower() in TABLES:
+            name += "_sent"  # not every file system tells ATTITUDE from attitude
+        shaped = self._shape(rows)
         if name not in self._tables:
-            self._begin(name, rows.schema)
-        self._tables[name].write(rows)
+            self._begin(name, shaped.schema)
+        self._tables[name].write(shaped)
 
     def _begin(self, name: str, schema: pa.Schema) -> None:
         path = self._folder / f"{name}{self._suffix}"
@@ -146,7 +155,22 @@ def _parquet(path: Path, frame: Convention, said: dict[str, str]) -> Writer:
 
 
 def _csv(path: Path, frame: Convention, said: dict[str, str]) -> Writer:
-    return TableFiles(path, frame, ".csv", pyarrow.csv.CSVWriter, said)
+    return TableFiles(path, frame, ".csv", pyarrow.csv.CSVWriter, said, _flat)
+
+
+def _flat(rows: pa.RecordBatch) -> pa.RecordBatch:
+    """Lists of fixed size as a column for each place, from 0; no text begins as a spreadsheet's formula does."""
+    fields, columns = list[pa.Field](), list[pa.Array]()
+    for field, column in zip(rows.schema, rows.columns, strict=True):
+        if pa.types.is_fixed_size_list(field.type):
+            size, values = field.type.list_size, column.flatten()
+            fields += [pa.field(f"{field.name}_{at}", field.type.value_type) for at in range(size)]
+            columns += [values[at::size] for at in range(size)]
+        else:
+            fields.append(field)
+            is_text = pa.types.is_string(field.type)
+            columns.append(pc.replace_substring_regex(column, r"^([=+@-])", r"'\1") if is_text else column)
+    return pa.RecordBatch.from_arrays(columns, schema=pa.schema(fields))
 
 
 def _mcap(path: Path, frame: Convention, said: dict[str, str]) -> Writer:

@@ -69,8 +69,8 @@ class Curves(Sink):
 
 
 def _wrapped_deg(samples: AttitudeSamples) -> Floats:
-    """Roll, pitch and yaw (n, 3) in degrees, roll and yaw within ±180."""
+    """Roll, pitch and yaw (n, 3) in degrees, roll and yaw within ±180; NaN for what is no number."""
     rpy_rad = attitude.rpy_from_quaternion(samples.q_nb) if samples.rpy_rad is None else samples.rpy_rad
-    deg: Floats = np.degrees(rpy_rad)
+    deg: Floats = np.degrees(np.where(np.isfinite(rpy_rad), rpy_rad, np.nan))
     deg[:, [0, 2]] = (deg[:, [0, 2]] + 180.0) % 360.0 - 180.0
     return deg

@@ -139,14 +139,14 @@ def _plotted(boot: BootCurves) -> dict[str, Any]:
 
 
 def _columns(t_us: Int64s, values: Floats, digits: int) -> list[list[float | None]]:
-    """Time in s, then each curve; null where there is no value."""
+    """Time in s, then each curve; null where there is no value, or none that can be drawn: JSON knows no infinity."""
     columns = [np.round(t_us / 1e6, 3), *np.round(values, digits).T]
-    return [[None if np.isnan(value) else value for value in column.tolist()] for column in columns]
+    return [[value if math.isfinite(value) else None for value in column.tolist()] for column in columns]
 
 
 def _embedded(data: Any) -> str:
     """JSON that cannot end the element that it stands in."""
-    return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+    return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def _asset(name: str) -> str:

@@ -58,7 +58,7 @@ class MessageBatch:
 
 def iter_batches(
     path: str | Path,
-    messages: Iterable[str] | None = None,
+    messages: str | Iterable[str] | None = None,
     *,
     start: float | None = None,
     end: float | None = None,
@@ -67,13 +67,13 @@ def iter_batches(
 ) -> Iterator[MessageBatch]:
     """The messages of a recording, a batch for each kind and sender of each piece that is read.
 
-    `messages` by name, None: all that the dialect knows, but those that carry signing keys. `start` and `end` in
-    seconds after the recording's start; `sysid` that system alone. Damage and duplicates are passed over.
+    `messages` by name, one or several, None: all that the dialect knows, but those that carry signing keys. `start` and
+    `end` in seconds after the recording's start; `sysid` that system alone. Damage and duplicates are passed over.
     Raises SourceError where the file cannot be used, UsageError for an unknown message or dialect, and for times of a
     recording that has none.
     """
     known = open_dialect(dialect)
-    wanted = None if messages is None else tuple(messages)
+    wanted = None if messages is None else (messages,) if isinstance(messages, str) else tuple(messages)
     for name in wanted or ():
         if name not in known:
             raise UsageError(f"no message {name!r} in dialect {dialect}")

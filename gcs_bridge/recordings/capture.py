@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any, BinaryIO, NamedTuple
 
 import dpkt
@@ -15,6 +16,7 @@ __all__ = ["flows", "write_records"]
 
 _V1, _V2 = 0xFE, 0xFD
 _SIGNED = 0x01
+_END_OF_TIME_US = 2**63  # a damaged time reads as 0, as in a .tlog
 _PCAPNG = b"\x0a\x0d\x0d\x0a"
 _RAW_IP = (12, 14, 101)  # link types of packets that begin with IP
 _BY_LINK: dict[int, type[dpkt.Packet]] = {
@@ -43,7 +45,7 @@ def flows(file: BinaryIO) -> list[str]:
     found: dict[str, bool] = {}
     for datagram in _datagrams(file, _Passed()):
         if not found.get(datagram.flow):
-            found[datagram.flow] = all(whole for _, whole in split(datagram.data))
+            found[datagram.flow] = bool(datagram.data) and all(whole for _, whole in split(datagram.data))
     return [flow for flow, has_frames in found.items() if has_frames]
 
 
@@ -111,7 +113,8 @@ def _datagrams(file: BinaryIO, passed: _Passed) -> Iterator[_Datagram]:
         except (dpkt.UnpackError, ValueError, struct.error):
             passed.cut_off = True
             return
-        datagram = _datagram(round(float(t_s) * 1e6), link, bytes(packet), passed)
+        t_us = round(float(t_s) * 1e6)
+        datagram = _datagram(t_us if 0 <= t_us < _END_OF_TIME_US else 0, link, bytes(packet), passed)
         if datagram is not None:
             yield datagram
 
@@ -129,11 +132,16 @@ def _datagram(t_us: int, link: int, packet: bytes, passed: _Passed) -> _Datagram
         if udp.ulen > len(udp.data) + 8:
             passed.truncated += 1
             return None
-        ends = sorted(((network.src, udp.sport), (network.dst, udp.dport)))
+        one, other = (network.src, udp.sport), (network.dst, udp.dport)
     except (dpkt.UnpackError, ValueError, AttributeError):
         return None
-    flow = "-".join(f"{dpkt.utils.inet_to_str(address)}:{port}" for address, port in ends)
-    return _Datagram(flow, t_us, bytes(udp.data))
+    return _Datagram(_flow(one, other), t_us, bytes(udp.data))
+
+
+@lru_cache(maxsize=1024)
+def _flow(one: tuple[bytes, int], other: tuple[bytes, int]) -> str:
+    """How the flow between two ends is called, whichever of them sent."""
+    return "-".join(f"{dpkt.utils.inet_to_str(address)}:{port}" for address, port in sorted((one, other)))
 
 
 def _ip(packet: bytes) -> Any:

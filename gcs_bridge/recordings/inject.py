@@ -24,6 +24,7 @@ from gcs_bridge.mavlink.dialect import load_dialect
 from gcs_bridge.recordings.edits import Edit, RecordingFrames, Scope, falsified, frames_in, scope_of, spliced
 from gcs_bridge.recordings.faults import Fault
 from gcs_bridge.recordings.link_faults import LINK_FAULTS
+from gcs_bridge.recordings.source import opened
 
 __all__ = [
     "Made",
@@ -117,10 +118,9 @@ def inject_file(
     can't be written, or is the source itself, a UsageError. Returns what was made, fault by fault.
     """
     refuse_unwritable(target, sources=[source])
-    try:
-        data = source.read_bytes()
-    except OSError as error:
-        raise SourceError(f"{source}: cannot be read: {error.strerror}") from None
+    with opened(source, []) as file:
+        file.seek(0)
+        data = file.read()
     try:
         falsified, made = _injected(data, faults, dialect=dialect, sysid=sysid, from_s=from_s, to_s=to_s, seed=seed)
     except GcsBridgeError as error:

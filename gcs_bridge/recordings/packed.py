@@ -11,20 +11,22 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import IO, BinaryIO, NamedTuple
 
 from gcs_bridge.errors import SourceError, one_line
+from gcs_bridge.files import INSIDE, file_of
 
-__all__ = ["ARCHIVE", "PACKED", "STANDARD_INPUT", "SUFFIXES", "file_of", "recordings_in", "standard_input", "unpacked"]
+__all__ = ["ARCHIVE", "PACKED", "STANDARD_INPUT", "SUFFIXES", "name_of", "recordings_in", "standard_input", "unpacked"]
 
 SUFFIXES = (".tlog", ".raw", ".rlog", ".mavlink", ".pcap", ".pcapng")
 """Of recordings, in lower case."""
 PACKED, ARCHIVE = ".gz", ".zip"
 """What may follow any of them, and what may hold them."""
 STANDARD_INPUT = Path("-")
-_INSIDE = "::"
 _MOST_NAMED = 5
+_MOST_LAYERS = 8  # of packing: there are archives that hold themselves
+_ZIPS = (b"PK\x03\x04", b"PK\x05\x06")  # the second has nothing in it
 _CAPTURES = (
     *(
         b"\xa1\xb2\xc3\xd4",
@@ -49,28 +51,42 @@ def recordings_in(path: Path) -> list[Path]:
 
     None in an archive or capture without any. What cannot be looked into is given as it is: who reads it will tell why.
     """
-    if path == STANDARD_INPUT or _INSIDE in str(path):
+    if INSIDE in str(path):
         return [path]
     try:
-        with path.open("rb") as file:
-            begins = file.read(4)
-            if begins == b"PK\x03\x04":
-                names = _members(file, path)
-            elif begins in _CAPTURES:
-                from gcs_bridge.recordings.capture import flows
-
-                names = flows(file)
-            else:
-                return [path]
+        if path == STANDARD_INPUT:
+            names = _names_in(standard_input(), path)
+        else:
+            with path.open("rb") as file:
+                names = _names_in(file, path)
     except (OSError, ValueError, SourceError):
         return [path]
-    return [path] * len(names) if len(names) < 2 else [Path(f"{path}{_INSIDE}{name}") for name in names]
+    if names is None or len(names) == 1:
+        return [path]
+    return [Path(f"{path}{INSIDE}{name}") for name in names]
 
 
-def file_of(path: Path) -> tuple[Path, str | None]:
-    """The file that a path means, and which of the recordings in it."""
-    file, colons, inside = str(path).partition(_INSIDE)
-    return (Path(file), inside) if colons and not path.exists() else (path, None)
+def name_of(path: Path) -> str:
+    """A recording's name without folder and endings, for what is made of it."""
+    file, inside = file_of(path)
+    if file == STANDARD_INPUT and inside is None:
+        return "stdin"
+    name = PurePath(inside or file).name
+    name = name[: -len(PACKED)] if name.lower().endswith(PACKED) else name
+    return PurePath(name).stem if inside is None or name.lower().endswith(SUFFIXES) else name
+
+
+def _names_in(file: BinaryIO, path: Path) -> list[str] | None:
+    """What is in an archive or capture; None for what is none."""
+    file.seek(0)
+    begins = file.read(4)
+    if begins in _ZIPS:
+        return _members(file, path)
+    if begins in _CAPTURES:
+        from gcs_bridge.recordings.capture import flows
+
+        return flows(file)
+    return None
 
 
 @cache
@@ -89,55 +105,63 @@ def unpacked(file: BinaryIO, path: Path, inside: str | None, remarks: list[str])
     """
     wanted = _Wanted(path, inside, remarks)
     with ExitStack() as stack:
-        while True:
+        for _ in range(_MOST_LAYERS + 1):
             file.seek(0)
             begins = file.read(4)
             file.seek(0)
             unpack = next((one for magic, one in _KINDS if begins.startswith(magic)), None)
             if unpack is None:
-                break
+                yield file
+                return
             file = stack.enter_context(unpack(file, wanted))
-        yield file
+        raise SourceError(f"{path}: packed more than {_MOST_LAYERS} times over: unpack it first")
 
 
 def _gunzip(file: BinaryIO, wanted: _Wanted) -> BinaryIO:
     import gzip
     import zlib
 
-    kept = _spool()
-    try:
-        with gzip.GzipFile(fileobj=file) as packed:
-            while data := packed.read1(2**18):
-                kept.write(data)
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        if not kept.tell():
-            kept.close()
-            raise SourceError(f"{wanted.path}: nothing of it can be unpacked: {one_line(str(error))}") from None
-        wanted.remarks.append(f"the compressed file is damaged or cut off; what lies before that is judged ({error})")
-    return kept
+    with _spool() as kept:
+        try:
+            with gzip.GzipFile(fileobj=file) as packed:
+                while data := packed.read1(2**18):
+                    kept.write(data)
+        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+            if not kept.tell():
+                raise SourceError(f"{wanted.path}: nothing of it can be unpacked: {one_line(str(error))}") from None
+            wanted.remarks.append(f"the compressed file is damaged or cut off; what lies before is judged ({error})")
+        return kept
 
 
 def _unzip(file: BinaryIO, wanted: _Wanted) -> BinaryIO:
     import zipfile
-    import zlib
 
     name = _one_of(_members(file, wanted.path), wanted, "recording")
+    with (
+        _damage_told(f"{wanted.path}: {one_line(name)} cannot be unpacked"),
+        zipfile.ZipFile(file) as archive,
+        archive.open(name) as packed,
+    ):
+        return _spooled(packed)
+
+
+@contextmanager
+def _damage_told(what: str) -> Iterator[None]:
+    """SourceError for what a damaged archive makes zipfile raise: there is no end to the kinds of it."""
     try:
-        with zipfile.ZipFile(file) as archive, archive.open(name) as packed:
-            return _spooled(packed)
-    except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError) as error:
-        raise SourceError(f"{wanted.path}: {one_line(name)} cannot be unpacked: {one_line(str(error))}") from None
+        yield
+    except OSError:
+        raise
+    except Exception as error:  # noqa: BLE001  # the library is given the bytes as they are
+        raise SourceError(f"{what}: {one_line(str(error))}") from None
 
 
 def _members(file: BinaryIO, path: Path) -> list[str]:
     """The recordings in an archive; a file that is alone in it is taken for one, whatever it is called."""
     import zipfile
 
-    try:
-        with zipfile.ZipFile(file) as archive:
-            names = [one.filename for one in archive.infolist() if not one.is_dir()]
-    except zipfile.BadZipFile as error:
-        raise SourceError(f"{path}: a zip archive that cannot be read: {one_line(str(error))}") from None
+    with _damage_told(f"{path}: a zip archive that cannot be read"), zipfile.ZipFile(file) as archive:
+        names = [one.filename for one in archive.infolist() if not one.is_dir()]
     packed = (*SUFFIXES, *(suffix + PACKED for suffix in SUFFIXES))
     found = [name for name in names if name.lower().endswith(packed)]
     return found or (names if len(names) == 1 else [])
@@ -148,9 +172,9 @@ def _capture(file: BinaryIO, wanted: _Wanted) -> BinaryIO:
 
     try:
         flow = _one_of(flows(file), wanted, "flow of MAVLink over UDP")
-        kept = _spool()
-        wanted.remarks.extend(write_records(file, flow, kept))
-        return kept
+        with _spool() as kept:
+            wanted.remarks.extend(write_records(file, flow, kept))
+            return kept
     except ValueError as error:
         raise SourceError(f"{wanted.path}: the capture cannot be read: {one_line(str(error))}") from None
 
@@ -160,7 +184,8 @@ def _one_of(names: list[str], wanted: _Wanted, what: str) -> str:
     if wanted.inside in names:
         return str(wanted.inside)
     if wanted.inside is not None or len(names) > 1:
-        named = ", ".join(f"{wanted.path}{_INSIDE}{name}" for name in names[:_MOST_NAMED])
+        option_like = "-- " * (wanted.path == STANDARD_INPUT)  # behind two dashes nothing is taken for an option
+        named = ", ".join(f"{option_like}{wanted.path}{INSIDE}{name}" for name in names[:_MOST_NAMED])
         more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
         lacks = "" if wanted.inside is None else f"no {what} {wanted.inside!r} in it; "
         raise SourceError(one_line(f"{wanted.path}: {lacks}name one of the {len(names)} in it: {named}{more}"))
@@ -169,23 +194,30 @@ def _one_of(names: list[str], wanted: _Wanted, what: str) -> str:
     return names[0]
 
 
-def _spool() -> BinaryIO:
+@contextmanager
+def _spool() -> Iterator[BinaryIO]:
+    """A file of our own, which stays open unless filling it fails."""
     import tempfile
 
-    return tempfile.TemporaryFile(prefix="gcs-bridge-")
+    kept = tempfile.TemporaryFile(prefix="gcs-bridge-")  # noqa: SIM115  # who takes it closes it
+    try:
+        yield kept
+    except BaseException:
+        kept.close()
+        raise
 
 
 def _spooled(source: IO[bytes]) -> BinaryIO:
     """All of it, in a file of its own."""
     import shutil
 
-    kept = _spool()
-    shutil.copyfileobj(source, kept)
-    return kept
+    with _spool() as kept:
+        shutil.copyfileobj(source, kept)
+        return kept
 
 
 _KINDS: tuple[tuple[bytes, Callable[[BinaryIO, _Wanted], BinaryIO]], ...] = (
     (b"\x1f\x8b", _gunzip),
-    (b"PK\x03\x04", _unzip),
+    *((magic, _unzip) for magic in _ZIPS),
     *((magic, _capture) for magic in _CAPTURES),
 )

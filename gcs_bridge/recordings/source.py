@@ -12,11 +12,12 @@ from typing import BinaryIO
 
 from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import SourceError, UsageError
+from gcs_bridge.files import file_of
 from gcs_bridge.jit import prepare
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scanner import MARKERS, Scanner
-from gcs_bridge.recordings.packed import STANDARD_INPUT, file_of, standard_input, unpacked
+from gcs_bridge.recordings.packed import STANDARD_INPUT, standard_input, unpacked
 
 _CHUNK = 3 * 2**19  # bytes read at a time: bounds the memory, and is large enough that its cost vanishes
 _WHOLE = 0.99  # of the bytes read as records: no stream need be looked for
@@ -89,11 +90,11 @@ _ADVICE = {
 def opened(path: Path, remarks: list[str]) -> Iterator[BinaryIO]:
     """The recording in the file, open for reading; SourceError in one line for whatever keeps it from being read."""
     try:
-        if path == STANDARD_INPUT:
-            with unpacked(standard_input(), path, None, remarks) as recording:
+        holds, inside = file_of(path)
+        if holds == STANDARD_INPUT:
+            with unpacked(standard_input(), holds, inside, remarks) as recording:
                 yield recording
             return
-        holds, inside = file_of(path)
         if not holds.is_dir() and not stat.S_ISREG(holds.stat().st_mode):
             raise SourceError(f"{path}: a pipe or device, not a file: pipe it in, and name it -")
         with holds.open("rb") as file, unpacked(file, holds, inside, remarks) as recording:

@@ -47,7 +47,7 @@ TELL_REFUSED = frozenset({"junit", "markdown"})
 """The formats that tell of sources that could not be used: there is a report even if there is nothing else."""
 PAGE = "html"
 """The format that is none of text: it needs the curves too, see `pages`."""
-_ENDINGS = {".html": PAGE, ".json": "json", ".xml": "junit", ".md": "markdown"}
+_ENDINGS = {".html": PAGE, ".htm": PAGE, ".json": "json", ".xml": "junit", ".md": "markdown"}
 
 
 def format_of(output: Path) -> str:

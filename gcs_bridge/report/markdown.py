@@ -20,6 +20,7 @@ from gcs_bridge.report.verdicts import LABELS, UNJUDGED
 __all__ = ["comment"]
 
 _SIGNS = {"agree": "✅", "explained": "✅", "warning": "⚠️", "alarm": "❌", "no_compare": "❔", "inop": "❔"}
+_REFERENCE = re.compile(r"(?:[@#]|\bgh-)(?=\w)|\bwww(?=\.)", re.IGNORECASE)
 _MARKUP = re.compile(r"([\\`*_\[\]|~$])")
 _MOST_SIGNS = 60_000  # GitHub takes comments of up to 65,536
 _MARK = "<!-- gcs-bridge check -->"  # by which a later comment finds the one that it takes the place of
@@ -105,5 +106,5 @@ def _escaped(said: str) -> str:
 
 
 def _plain(said: str) -> str:
-    """Text as it is, in HTML. Behind each @ is a sign that joins words, without width: so nobody is mentioned."""
-    return html.escape(one_line(said), quote=False).replace("@", "@\N{WORD JOINER}")
+    """Text as it is, in HTML. A sign without width stands in @name, #12 and www.: nothing is mentioned or linked."""
+    return html.escape(_REFERENCE.sub("\\g<0>\N{WORD JOINER}", one_line(said)), quote=False)

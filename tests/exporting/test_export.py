@@ -19,6 +19,7 @@ from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
 from gcs_bridge.cli import main
+from tests.helpers import wire
 from tests.helpers.paths import FIXTURES, ROOT
 
 SQUARE = FIXTURES / "a_copter_square.tlog"
@@ -242,6 +243,36 @@ def test_every_other_message_has_a_table_of_its_own(tmp_path: Path) -> None:
     assert sorted(one["frame_index"] for one in told) == sorted(table["frame_index"].to_pylist())
 
 
+def test_csv_has_a_column_for_each_place_of_an_array(tmp_path: Path) -> None:
+    """As pymavlink reads it; and no two tables that a file system without upper case would take for one."""
+    assert export(SQUARE, tmp_path, "--all", "--format", "csv", *SHORT) == 0
+    first_us = next(iter(sent(SQUARE, "HEARTBEAT")))._timestamp * 1e6
+    with (tmp_path / "EKF_STATUS_REPORT.csv").open() as file:
+        assert len(list(csv.DictReader(file))) > 10
+    with (tmp_path / "BATTERY_STATUS.csv").open() as file:
+        rows = {int(row["t_rx_us"]): row for row in csv.DictReader(file)}
+    flown = [one for one in sent(SQUARE, "BATTERY_STATUS") if 60e6 < one._timestamp * 1e6 - first_us < 69e6]
+    assert flown
+    for one in flown:
+        row = rows[round(one._timestamp * 1e6)]
+        assert [int(row[f"voltages_{at}"]) for at in range(10)] == one.voltages
+    names = [path.name for path in tmp_path.iterdir()]
+    assert len({name.lower() for name in names}) == len(names)
+    assert {"attitude.csv", "ATTITUDE_sent.csv"} < set(names)
+
+
+def test_no_text_from_the_air_is_a_formula(tmp_path: Path) -> None:
+    """A spreadsheet computes what begins with =, +, - or @: there is a quote before it."""
+    texts = (b"=cmd|'/c calc'!A1", b"+1", b"-1", b"@SUM(1)", b"a=1")
+    flight = [
+        (10**15 + at, wire.pack(mavutil.mavlink.MAVLink_statustext_message(6, text))) for at, text in enumerate(texts)
+    ]
+    (tmp_path / "a.tlog").write_bytes(wire.tlog(flight))
+    assert export(tmp_path / "a.tlog", tmp_path / "csv", "--all", "--format", "csv") == 4
+    with (tmp_path / "csv" / "STATUSTEXT.csv").open() as file:
+        assert [row["text"] for row in csv.DictReader(file)] == ["'=cmd|'/c calc'!A1", "'+1", "'-1", "'@SUM(1)", "a=1"]
+
+
 def test_mcap_says_null_where_nothing_is_known(tmp_path: Path) -> None:
     """JSON knows no NaN: of a quaternion of NaN its rows say null, and there is no transform."""
     data = (FIXTURES / "c_copter_4hz.tlog").read_bytes()
@@ -252,6 +283,34 @@ def test_mcap_says_null_where_nothing_is_known(tmp_path: Path) -> None:
     assert [said["q_nb_w"] for said in rows if not said["valid"]] == [None]
     turns = [said for topic, _, _, said in told if topic == "/1.1/attitude_quaternion/transform"]
     assert len(turns) == len(rows) - 1
+
+
+def test_a_damaged_time_does_not_draw_the_timeline_out(tmp_path: Path) -> None:
+    """Ten records without a time among those of a minute: the file still lasts a minute, not since 1970."""
+    flight = list(wire.records((FIXTURES / "c_copter_4hz.tlog").read_bytes()))
+    for at in range(300, 310):
+        flight[at] = 0, flight[at][1]
+    (tmp_path / "a.tlog").write_bytes(wire.tlog(flight))
+    assert export(tmp_path / "a.tlog", tmp_path / "a.mcap", "--format", "mcap", "--all") == 0
+    with (tmp_path / "a.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_start_time >= flight[0][0] * 1000
+    assert summary.statistics.message_end_time <= flight[-1][0] * 1000
+
+
+def test_mcap_of_a_stream_without_times_is_on_the_vehicle_s_clock(tmp_path: Path) -> None:
+    """Messages that nothing here judges too, where they carry it."""
+    (tmp_path / "a.raw").write_bytes(b"".join(frame for _, frame in wire.records(SQUARE.read_bytes())))
+    assert export(tmp_path / "a.raw", tmp_path / "a.mcap", "--format", "mcap", "--all") == 0
+    told = {
+        said["time_boot_ms"]: t_ns
+        for topic, _, t_ns, said in messages(tmp_path / "a.mcap")
+        if topic == "/1.1/GLOBAL_POSITION_INT"
+    }
+    assert len(told) > 10
+    assert all(t_ns == ms * 1_000_000 for ms, t_ns in told.items())
 
 
 def with_nan_quaternion(data: bytes) -> bytes:

@@ -17,6 +17,7 @@ from gcs_bridge.pages.moment import drawn, projected
 from gcs_bridge.pages.page import overview, page
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
+from tests.helpers import wire
 from tests.helpers.paths import FIXTURES
 from tests.helpers.report_entries import ALARM, DIAGNOSIS, file, vehicle
 from tests.helpers.viewer_tools import has_browser
@@ -75,6 +76,24 @@ def test_it_asks_nobody_and_holds_the_curves(faulty: Path) -> None:
     assert t_s[0] < boot["alarms"][0]["from"] < t_s[-1]
     yaw = [np.array(boot[name][3]) for name in ("euler", "quaternion")]
     assert np.abs(np.concatenate(yaw)).max() <= 180.0
+
+
+def test_what_is_no_number_is_a_gap(tmp_path: Path) -> None:
+    """An infinite pitch: the browser's JSON knows neither NaN nor Infinity, and would draw nothing at all."""
+    flight = [
+        (
+            10**15 + t,
+            wire.attitude(t // 1000, (np.inf if t == 2_500_000 else 0.0, np.inf if t == 2_500_000 else 0.1, 0.2)),
+        )
+        for t in range(10**6, 10**7, 100_000)
+    ]
+    flight.insert(0, (10**15, wire.heartbeat()))
+    (tmp_path / "a.tlog").write_bytes(wire.tlog(flight))
+    main(["check", str(tmp_path / "a.tlog"), "--output", str(tmp_path / "a.html"), "-q"])
+    data = re.search(r'id="curves">(.*?)</script>', (tmp_path / "a.html").read_text())[1]  # type: ignore[index]
+    (boot,) = json.loads(data, parse_constant=pytest.fail)
+    t_s, _, pitch, _ = boot["euler"]
+    assert [t for t, value in zip(t_s, pitch, strict=True) if value is None] == [2.5]
 
 
 @pytest.mark.slow

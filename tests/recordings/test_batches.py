@@ -72,7 +72,7 @@ def test_what_is_selected() -> None:
         times += batch.t_rx_us.tolist()
     assert set(count) == {("ATTITUDE", 2), ("HEARTBEAT", 2)}
     assert max(times) - min(times) <= 5_000_000
-    everything = sum(map(len, gcs_bridge.iter_batches(path, ["ATTITUDE"], sysid=2)))
+    everything = sum(map(len, gcs_bridge.iter_batches(path, "ATTITUDE", sysid=2)))
     assert 0 < count["ATTITUDE", 2] < everything
 
 

@@ -16,7 +16,7 @@ import pytest
 import gcs_bridge
 from gcs_bridge.cli import main
 from gcs_bridge.errors import SourceError
-from gcs_bridge.recordings.packed import recordings_in
+from gcs_bridge.recordings.packed import name_of, recordings_in
 from tests.helpers.paths import FIXTURES, ROOT
 
 FLIGHT = FIXTURES / "c_copter_4hz.tlog"
@@ -71,6 +71,13 @@ def zipped(**members: bytes) -> bytes:
         for name, data in members.items():
             archive.writestr(name, data)
     return file.getvalue()
+
+
+def layered(times: int) -> bytes:
+    data = DATA
+    for _ in range(times):
+        data = gzip.compress(data, 1)
+    return data
 
 
 def judged(path: Path, data: bytes) -> dict[str, Any]:
@@ -156,6 +163,13 @@ def test_a_gzip_that_is_cut_off_is_judged_as_far_as_it_goes(tmp_path: Path) -> N
     ("name", "data", "said"),
     [
         ("a.zip", zipped(a=b"text", b=b"text"), "no recording in it"),
+        ("a.zip", zipped(), "no recording in it"),
+        (
+            "a.zip",
+            zipped(**{"\xe9.tlog": DATA}).replace("\xe9".encode(), b"\x99\x99"),
+            "a zip archive that cannot be read",
+        ),
+        ("a.gz", layered(9), "packed more than 8 times over"),
         ("a.zip", zipped(**{"a.tlog": DATA})[:-30], "a zip archive that cannot be read"),
         ("a.pcap", pcap([(1, udp(b"hello"))]), "no flow of MAVLink over UDP in it"),
         ("a.pcap", pcap([])[:10], "the capture cannot be read"),
@@ -181,6 +195,66 @@ def test_a_folder_is_searched_for_them(tmp_path: Path, capsys: pytest.CaptureFix
     assert main(["check", str(tmp_path), "--format", "json"]) == 0
     paths = [Path(entry["path"]).name for entry in json.loads(capsys.readouterr().out)["files"]]
     assert paths == ["a.tlog.gz", "b.zip::one.tlog", "b.zip::two.tlog"]
+
+
+def test_a_folder_of_archives_without_a_recording_is_no_good_one(tmp_path: Path) -> None:
+    """Nothing was judged, which must not look like a pass."""
+    (tmp_path / "c.zip").write_bytes(zipped(a=b"text", b=b"text"))
+    assert main(["check", str(tmp_path)]) == 3
+
+
+def test_an_output_never_replaces_the_archive_that_is_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By whatever name its recordings go."""
+    path, data = tmp_path / "a.zip", zipped(**{"one.tlog": DATA, "two.tlog": DATA})
+    path.write_bytes(data)
+    assert main(["check", str(path), "--output", str(path)]) == 2
+    assert main(["export", f"{path}::one.tlog", "--format", "mcap", "--output", str(path)]) == 2
+    assert main(["inject", f"{path}::one.tlog", "--fault", "yaw_offset", "--output", str(path)]) == 2
+    assert capsys.readouterr().err.count("it is one of the recordings to be read") == 3
+    assert path.read_bytes() == data
+
+
+def test_datagrams_with_nothing_in_them_are_no_flow(tmp_path: Path) -> None:
+    """What keeps a way through a router open."""
+    packets = [(t, udp(data)) for t, data in records(DATA)[:500]]
+    packets.insert(0, (packets[0][0], udp(b"", target="10.0.0.1:9999")))
+    (tmp_path / "a.pcap").write_bytes(pcap(packets))
+    assert recordings_in(tmp_path / "a.pcap") == [tmp_path / "a.pcap"]
+
+
+def test_a_time_that_cannot_be_is_a_damaged_one(tmp_path: Path) -> None:
+    """All bits set, in one packet of a capture."""
+    packets = [(t, udp(data)) for t, data in records(DATA)]
+    packets[300] = (2**64 - 1, packets[300][1])
+    entry = judged(tmp_path / "a.pcapng", pcapng(packets))
+    assert entry["salvage"]["frames"] == len(packets)
+
+
+def test_a_fault_is_put_into_what_was_packed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The copy is a plain .tlog, the same as of the plain one."""
+    monkeypatch.chdir(tmp_path)
+    Path("a.tlog").write_bytes(DATA)
+    Path("b.TLOG.gz").write_bytes(gzip.compress(DATA))
+    Path("c.zip").write_bytes(zipped(**{"in/one.tlog": DATA, "two.tlog": DATA}))
+    for path in ("a.tlog", "b.TLOG.gz", "c.zip::in/one.tlog"):
+        assert main(["inject", path, "--fault", "yaw_offset"]) == 0
+    plain, *others = (Path(f"{name}.yaw_offset.tlog").read_bytes() for name in ("a", "b", "one"))
+    assert others == [plain, plain]
+
+
+@pytest.mark.slow
+def test_each_recording_of_an_archive_that_is_piped_in() -> None:
+    """Named as those of a file are; what is made of one that has no name is not called `-`, an option to all tools."""
+    ended = subprocess.run(
+        [sys.executable, "-m", "gcs_bridge", "check", "-q", "-"],
+        input=zipped(**{"one.tlog": DATA, "two.tlog": DATA}),
+        capture_output=True,
+        cwd=ROOT,
+        check=False,
+    )
+    said = b"AGREE       -::one.tlog: 1 vehicle, no alarm\nAGREE       -::two.tlog: 1 vehicle, no alarm\n"
+    assert (ended.returncode, ended.stdout) == (0, said)
+    assert [name_of(Path(name)) for name in ("-", "-::one.tlog", "x/a.tlog.gz")] == ["stdin", "one", "a"]
 
 
 @pytest.mark.slow

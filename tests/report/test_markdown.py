@@ -48,11 +48,13 @@ def test_an_alarm_is_told_whole_behind_a_fold() -> None:
 
 def test_text_from_outside_neither_marks_up_nor_mentions() -> None:
     """A file's name with everything in it that means something somewhere."""
-    hostile = "a|b *c* <img src=x> [d](http://e) @f `g` www.tlog"
+    hostile = "a|b *c* <img src=x> [d](http://e) @f `g` www.tlog #12 gh-3"
     alarm = {**ALARM, "what": hostile}
-    html = rendered(entry(vehicle("alarm", alarms=[alarm]), verdict="alarm", path=hostile))
+    of = entry(vehicle("alarm", alarms=[alarm]), verdict="alarm", path=hostile)
+    html = rendered(of)
     assert not re.search(r"<(img|em|a|code)\b", html)
-    assert "@f" not in html
+    assert not re.search(r"@f|#12|gh-3", html)
+    assert "www." not in comment(of)  # GitHub makes a link of it before anything else
     assert len(cells(html)) == 1
     assert cells(html)[0][0].startswith("a|b *c* &lt;img src=x&gt; [d](http://e)")
 

@@ -32,15 +32,17 @@ class Ran(NamedTuple):
     gh: list[str]
 
 
-def run(folder: Path, comments: str = "", event: str = "pull_request", **inputs: str) -> Ran:
-    """All steps but the installation, in a folder."""
+def run(folder: Path, comments: str = "", event: str = "pull_request", *, refused: bool = False, **inputs: str) -> Ran:
+    """All steps but the installation, in a folder; GitHub may refuse what is asked of it."""
     place, calls = folder / "temp", folder / "gh.txt"
     (place / "gcs-bridge" / "bin").mkdir(parents=True, exist_ok=True)
     command = place / "gcs-bridge" / "bin" / "gcs-bridge"
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m gcs_bridge "$@"\n')
     (folder / "bin").mkdir(exist_ok=True)
     gh = folder / "bin" / "gh"
-    gh.write_text(f'#!/bin/sh\necho "$@" >> "{calls}"\ncase "$*" in *--jq*) echo "{comments}";; esac\n')
+    gh.write_text(
+        f'#!/bin/sh\necho "$@" >> "{calls}"\ncase "$*" in *--jq*) echo "{comments}";; esac\nexit {refused:d}\n'
+    )
     for one in (command, gh):
         one.chmod(0o755)
     given = {name: str(of.get("default", "")) for name, of in ACTION["inputs"].items()} | inputs
@@ -134,6 +136,14 @@ def test_an_alarm_fails_the_job_and_is_commented(faulty: Path) -> None:
     assert ran.gh[-1] == "api --silent repos/me/drone/issues/7/comments -F body=@attitude-reports/comment.md"
     again = run(faulty, comments="1234", recordings="logs", comment="true")
     assert "PATCH repos/me/drone/issues/comments/1234" in again.gh[-1]
+
+
+def test_a_token_that_may_not_comment_changes_no_verdict(faulty: Path) -> None:
+    """As on a pull request from a fork: a run that agrees passes, with a warning."""
+    ran = run(faulty, refused=True, recordings="logs/good.tlog", comment="true")
+    assert ran.code == 0, ran.output
+    assert "::warning::no comment" in ran.output
+    assert run(faulty, refused=True, recordings="logs", comment="true").code == 1
 
 
 def test_only_what_is_new_fails(faulty: Path) -> None:
