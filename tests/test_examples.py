@@ -20,7 +20,6 @@ def test_they_are_kept_without_what_they_show() -> None:
         assert not [cell for cell in cells if cell.get("outputs") or cell.get("execution_count")], path
 
 
-@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
