@@ -185,16 +185,17 @@ def open_it(path: Path, seconds: float) -> Opened:
     viewer = subprocess.Popen([*_RERUN, *arguments], env=_QUIET, stderr=subprocess.DEVNULL, start_new_session=True)
     try:
         while time.monotonic() < began_s + 300:
+            time.sleep(0.1)
             try:
                 state = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy").get_state()
-                ends = [line.end or 0 for one in state.recordings for line in one.timelines if line.name == "boot"]
-                starts = [line.start or 0 for one in state.recordings for line in one.timelines if line.name == "boot"]
-                if ends and max(ends) - min(starts) >= (seconds - 1) * 1e9 and not state.loading:
-                    took_s = time.monotonic() - began_s
-                    time.sleep(3.0)  # all is drawn by now
-                    return Opened(took_s, memory_mb(viewer.pid))
-            except Exception:  # noqa: BLE001  # it has not started yet
-                time.sleep(0.1)
+            except ConnectionError:  # it has not started yet
+                continue
+            boots = [line for one in state.recordings for line in one.timelines if line.name == "boot"]
+            spans_ns = [(line.end or 0) - (line.start or 0) for line in boots]
+            if max(spans_ns, default=0) >= (seconds - 1) * 1e9 and not state.loading:
+                took_s = time.monotonic() - began_s
+                time.sleep(3.0)  # all is drawn by now
+                return Opened(took_s, memory_mb(viewer.pid))
         raise SystemExit("the viewer did not open it within 300 s")
     finally:
         os.killpg(viewer.pid, signal.SIGKILL)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from gcs_bridge.errors import UsageError
 
-__all__ = ["INSIDE", "file_of", "refuse_unwritable", "write_file", "write_stdout"]
+__all__ = ["INSIDE", "file_of", "refuse_unwritable", "write_file", "write_stdout", "writing"]
 
 INSIDE = "::"
 """Stands between a file and the name of a recording in it."""
@@ -45,7 +47,7 @@ def write_file(content: str | bytes, path: Path) -> None:
     """Write the file under a temporary name beside it, then rename it: a reader never sees half of it."""
     target = Path(os.path.realpath(path))  # a link stays a link
     data = content.encode() if isinstance(content, str) else content
-    try:
+    with writing(path):
         if target.exists() and not target.is_file():  # a device or pipe is written to, not replaced
             target.write_bytes(data)
             return
@@ -55,8 +57,15 @@ def write_file(content: str | bytes, path: Path) -> None:
             temporary.replace(target)
         finally:
             temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise UsageError(f"cannot write {path}: {error.strerror}") from error
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """UsageError in one line for what keeps a file, or what is below a folder, from being written."""
+    try:
+        yield
+    except OSError as error:  # pyarrow's too
+        raise UsageError(f"cannot write {path}: {error.strerror or error}") from None
 
 
 def write_stdout(text: str) -> None:

@@ -224,15 +224,14 @@ class Viewer:
     def _loaded(address: str) -> ViewerClient:
         ends_s = time.monotonic() + _PATIENCE_S
         while time.monotonic() < ends_s:
+            time.sleep(0.2)
             try:
                 client = ViewerClient.connect(address)
                 state = client.get_state()
-            except Exception:  # noqa: BLE001  # whatever it is, the viewer has not started yet
-                time.sleep(0.2)
+            except ConnectionError:  # it has not started yet
                 continue
             if any(line.end for recording in state.recordings for line in recording.timelines) and not state.loading:
                 return client
-            time.sleep(0.2)
         raise SystemExit(f"no viewer within {_PATIENCE_S:g} s: is there a graphics driver?")
 
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import gc
-import math
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from gcs_bridge.cli.signing_options import key_of, signing_options
+from gcs_bridge.cli.selection import Selection, selection_options
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.recordings.open import READERS
@@ -32,9 +31,6 @@ _FOUND = (*READERS, *(suffix + PACKED for suffix in READERS), ARCHIVE)
 @click.argument(
     "paths", nargs=-1, required=True, metavar="FILE|FOLDER...", type=click.Path(path_type=Path, readable=False)
 )
-@click.option("--sysid", type=click.IntRange(1, 255), metavar="N", help="Judge this system alone.")
-@click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
-@click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
 @click.option(
     "--format",
     "form",
@@ -57,32 +53,20 @@ _FOUND = (*READERS, *(suffix + PACKED for suffix in READERS), ARCHIVE)
     help="An earlier report (JSON): fail by what is new alone.",
 )
 @click.option("--evidence", type=click.Path(path_type=Path), metavar="DIR", help="Write what each alarm rests on.")
-@signing_options
 @click.option("--fail-on", type=click.Choice(["warning", "alarm", "never"]), help="What ends with 1.  [alarm]")
-@click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
-@click.option(
-    "--config", type=click.Path(path_type=Path, readable=False), metavar="FILE", help="TOML with settings of your own."
-)
-@click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]")
+@selection_options("Judge")
 @click.option("-q", "--quiet", is_flag=True, help="Only the last line of each file.")
 @click.option("-v", "--verbose", is_flag=True, help="Every number.")
 @click.option("--no-color", is_flag=True, help="Plain text; so does the variable NO_COLOR.")
 def check(
     paths: tuple[Path, ...],
-    sysid: int | None,
-    from_s: float | None,
-    to_s: float | None,
     form: str | None,
     outputs: tuple[Path, ...],
     events: str | None,
     baseline: Path | None,
     evidence: Path | None,
-    signing_key_file: Path | None,
-    unsigned: str | None,
     fail_on: str | None,
-    profile: str,
-    config: Path | None,
-    dialect: str,
+    selection: Selection,
     quiet: bool,
     verbose: bool,
     no_color: bool,
@@ -100,13 +84,11 @@ def check(
     from gcs_bridge.files import refuse_unwritable, write_file, write_stdout
     from gcs_bridge.report import Report, worst_exit_code
     from gcs_bridge.report.baseline import NOTHING_KNOWN, known_from, read_baseline
-    from gcs_bridge.settings import load_settings
 
-    refuse_times(from_s, to_s)
     if form == PAGE and not outputs:
         raise UsageError("--format html writes files: name one by --output")
-    settings = load_settings(profile, config, {"check": {"fail_on": fail_on}} if fail_on else None)
-    signing_key = key_of(signing_key_file, unsigned)
+    settings = selection.settings({"check": {"fail_on": fail_on}} if fail_on else None)
+    verified = selection.verified()
     before = None if baseline is None else read_baseline(baseline)
     recordings, failures = find_recordings(paths)
     for output in outputs:
@@ -122,8 +104,7 @@ def check(
 
     pages = [output for output in outputs if (form or format_of(output)) == PAGE]
     curves: dict[str, Curves] = {}
-    selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
-    verified: dict[str, Any] = {"signing_key": signing_key, "unsigned": unsigned}
+    judged_by = selection.window() | verified
 
     def judge(recording: Path, progress: ProgressBar) -> File:
         with events_of(recording, told) as sinks:
@@ -132,14 +113,12 @@ def check(
 
                 sinks.append(curves.setdefault(readable(str(recording)), Curves()))
             if place is None:
-                return check_file(recording, settings, **selected, **verified, progress=progress, sinks=sinks)
+                return check_file(recording, settings, **judged_by, progress=progress, sinks=sinks)
             from gcs_bridge.evidence.gather import Evidence
 
             folder = place.folder(recording)
-            with Evidence(recording, folder, dialect, **verified) as gathered:
-                entry = check_file(
-                    recording, settings, **selected, **verified, progress=progress, sinks=[gathered, *sinks]
-                )
+            with Evidence(recording, folder, selection.dialect, **verified) as gathered:
+                entry = check_file(recording, settings, **judged_by, progress=progress, sinks=[gathered, *sinks])
                 count = gathered.complete(entry)
             if not quiet:
                 complain(_evidence(recording, folder, count, gathered.left_out), kind="note")
@@ -215,15 +194,6 @@ def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeEr
                 SourceError(f"{path}: no recording in this folder (looked for {', '.join(READERS)}, {PACKED} of each)")
             )
     return list(found), failures
-
-
-def refuse_times(from_s: float | None, to_s: float | None) -> None:
-    """Raise UsageError for times that are none, or in the wrong order."""
-    for option, value in (("--from", from_s), ("--to", to_s)):
-        if value is not None and not (math.isfinite(value) and value >= 0):
-            raise UsageError(f"{option} {value:g}: must be seconds after the recording's start, 0 or more")
-    if to_s is not None and to_s <= (from_s or 0.0):
-        raise UsageError(f"--to {to_s:g} is not after --from {from_s or 0.0:g}: nothing would be judged")
 
 
 def _evidence(recording: Path, folder: Folder, count: int, left_out: int) -> str:

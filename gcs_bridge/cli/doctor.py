@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gcs_bridge.cli.live_run import refuse_not_positive, warm_up
+from gcs_bridge.cli.selection import settings_options
 from gcs_bridge.cli.signing_options import key_of, signing_key_option
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import UsageError
@@ -35,11 +36,7 @@ _STYLES = {r"\bGOOD\b": "bold green", r"\b(MISSING|TO MEND)\b": "bold yellow", r
 @click.option("--format", "form", type=click.Choice(["text", "json"]), default="text", help="Of the result.  [text]")
 @click.option("--baud", type=click.IntRange(min=1), default=115200, metavar="N", help="Of serial devices.  [115200]")
 @signing_key_option
-@click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
-@click.option(
-    "--config", type=click.Path(path_type=Path, readable=False), metavar="FILE", help="TOML with settings of your own."
-)
-@click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]")
+@settings_options
 @click.option("-q", "--quiet", is_flag=True, help="Only the last lines of each link.")
 @click.option("-v", "--verbose", is_flag=True, help="Every sender's messages.")
 @click.option("--no-color", is_flag=True, help="Plain text; so does the variable NO_COLOR.")

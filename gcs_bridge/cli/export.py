@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from gcs_bridge.cli.check import refuse_times
-from gcs_bridge.cli.signing_options import key_of, signing_options
+from gcs_bridge.cli.selection import Selection, selection_options
 from gcs_bridge.cli.terminal import ProgressBar, complain
 
 if TYPE_CHECKING:  # loaded when there is something to write
@@ -28,13 +27,7 @@ _FRAMES = ("ned_frd", "enu_flu", "enu_rfu")
 )
 @click.option("--frame", type=click.Choice(_FRAMES), default="ned_frd", help="World and body axes.  [ned_frd]")
 @click.option("--all", "every", is_flag=True, help="Every other message too, as it was sent, in a table of its own.")
-@click.option("--sysid", type=click.IntRange(1, 255), metavar="N", help="Export this system alone.")
-@click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
-@click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
-@signing_options
-@click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
-@click.option("--config", type=click.Path(path_type=Path), metavar="FILE", help="TOML with settings of your own.")
-@click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]")
+@selection_options("Export")
 @click.option("-q", "--quiet", is_flag=True, help="Only what went wrong.")
 def export(
     path: Path,
@@ -42,14 +35,7 @@ def export(
     output: Path | None,
     frame: str,
     every: bool,
-    sysid: int | None,
-    from_s: float | None,
-    to_s: float | None,
-    signing_key_file: Path | None,
-    unsigned: str | None,
-    profile: str,
-    config: Path | None,
-    dialect: str,
+    selection: Selection,
     quiet: bool,
 ) -> int:
     """Write a recording's samples, pairs, residuals and events as tables: frame and unit stand in each column's name.
@@ -63,12 +49,9 @@ def export(
     """
     from gcs_bridge.errors import UsageError
     from gcs_bridge.recordings.packed import name_of
-    from gcs_bridge.settings import load_settings
 
-    refuse_times(from_s, to_s)
-    settings = load_settings(profile, config)
-    selected: dict[str, Any] = {"dialect": dialect, "sysid": sysid, "from_s": from_s, "to_s": to_s}
-    selected |= {"signing_key": key_of(signing_key_file, unsigned), "unsigned": unsigned}
+    settings = selection.settings()
+    selected = selection.window() | selection.verified()
     target = output or Path(f"{name_of(path)}-export" if form in ("parquet", "csv") else f"{name_of(path)}.{form}")
     if form == "rrd":
         if frame != "ned_frd":

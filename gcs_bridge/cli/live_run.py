@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from gcs_bridge.cli.live_sinks import LIVE_SINKS, plan_sinks
+from gcs_bridge.cli.selection import settings_options
 from gcs_bridge.cli.terminal import complain
 from gcs_bridge.contract import readable
 from gcs_bridge.errors import UsageError
@@ -73,9 +74,7 @@ def live_options(command: _Command) -> _Command:
     for option in reversed(
         (
             *_sink_options(),
-            click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci."),
-            click.option("--config", type=click.Path(path_type=Path), metavar="FILE", help="TOML with your settings."),
-            click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]"),
+            settings_options,
             click.option("-q", "--quiet", is_flag=True, help="Only alarms."),
             click.option("-v", "--verbose", is_flag=True, help="Pending alarms too, and the whole report at the end."),
             click.option("--plain", is_flag=True, help="Lines, where a terminal would show the full-screen view."),

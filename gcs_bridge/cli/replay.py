@@ -9,9 +9,8 @@ from pathlib import Path
 
 import click
 
-from gcs_bridge.cli.check import refuse_times
 from gcs_bridge.cli.live_run import refuse_not_positive
-from gcs_bridge.cli.signing_options import key_of, signing_options
+from gcs_bridge.cli.selection import Selection, selection_options
 from gcs_bridge.cli.terminal import complain
 from gcs_bridge.errors import UsageError
 from gcs_bridge.viewer.base import FORMS
@@ -29,31 +28,18 @@ __all__ = ["replay"]
     help="Of several recordings, what lies at one time: their starts, their first alarms, or what was received then."
     "  [start]",
 )
-@click.option("--sysid", type=click.IntRange(1, 255), metavar="N", help="Show this system alone.")
-@click.option("--from", "from_s", type=float, metavar="S", help="Begin S seconds after the recording's start.")
-@click.option("--to", "to_s", type=float, metavar="S", help="End S seconds after the recording's start.")
 @click.option("--viewer", default="auto", metavar="WHICH", help=f"{FORMS}.  [auto]")
 @click.option("--events", metavar="FILE|-", help="Write events as JSON lines; - is standard output.")
-@signing_options
-@click.option("--profile", default="default", metavar="NAME", help="Shipped settings: default, ci.  [default]")
-@click.option("--config", type=click.Path(path_type=Path), metavar="FILE", help="TOML with settings of your own.")
-@click.option("--dialect", default="all", metavar="NAME", help="MAVLink dialect to read with.  [all]")
+@selection_options("Show")
 @click.option("-q", "--quiet", is_flag=True, help="Only what went wrong, and the web viewer's address.")
 def replay(
     paths: tuple[Path, ...],
     speed: float | None,
     at: str | None,
     align: str | None,
-    sysid: int | None,
-    from_s: float | None,
-    to_s: float | None,
     viewer: str,
     events: str | None,
-    signing_key_file: Path | None,
-    unsigned: str | None,
-    profile: str,
-    config: Path | None,
-    dialect: str,
+    selection: Selection,
     quiet: bool,
 ) -> int:
     """Show recordings in the viewer: both attitudes, their disagreement, and the events.
@@ -72,30 +58,20 @@ def replay(
     from gcs_bridge.links.loop import Stop
     from gcs_bridge.recordings.packed import recordings_in
     from gcs_bridge.report import worst_exit_code
-    from gcs_bridge.settings import load_settings
     from gcs_bridge.viewer import ViewerSpec, open_viewer
 
-    refuse_times(from_s, to_s)
     refuse_not_positive("--speed", speed)
     if speed is not None and at is not None:
         raise UsageError("--at opens what is shown at once, and --speed plays it from its beginning: give one of them")
     spec = ViewerSpec.parse(viewer)
-    settings = load_settings(profile, config)
+    settings = selection.settings()
     moment = _moment(at, [check.name for check in all_checks(settings)])
-    open_dialect(dialect)
+    open_dialect(selection.dialect)
     paths = tuple(dict.fromkeys(one for path in paths for one in recordings_in(path) or [path]))
     told = None if events is None else plan_events(events, paths, others=[spec.path] if spec.path else [])
     shown = Replay(
         paths=list(paths),
-        selected={
-            "settings": settings,
-            "dialect": dialect,
-            "sysid": sysid,
-            "from_s": from_s,
-            "to_s": to_s,
-            "signing_key": key_of(signing_key_file, unsigned),
-            "unsigned": unsigned,
-        },
+        selected={"settings": settings, **selection.window(), **selection.verified()},
         speed=speed,
         at=moment,
         align=align or (START if len(paths) > 1 else None),

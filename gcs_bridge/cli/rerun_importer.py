@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from io import FileIO
 from typing import TYPE_CHECKING
 
 from gcs_bridge.errors import INCOMPATIBLE, GcsBridgeError
@@ -80,7 +81,7 @@ def _is_ours(path: str) -> bool:
     try:
         if not os.path.isfile(path):  # a pipe would be waited for
             return False
-        with open(path, "rb") as file:  # noqa: PTH123  # pathlib takes longer to load than the look takes
+        with FileIO(path) as file:  # pathlib would take longer to load than the look takes
             return looks_like_mavlink(file.read(_LOOKED_AT))
     except OSError:  # rerun tells it
         return False

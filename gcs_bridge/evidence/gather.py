@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,12 @@ from msgspec.structs import asdict
 
 from gcs_bridge._version import __version__
 from gcs_bridge.contract import Alarm
-from gcs_bridge.errors import UsageError
 from gcs_bridge.events import Event
 from gcs_bridge.evidence.frames import frames_of
 from gcs_bridge.evidence.place import Folder
 from gcs_bridge.evidence.summary import summary
 from gcs_bridge.evidence.tables import tables_of
+from gcs_bridge.files import writing
 from gcs_bridge.judging.alarm_windows import AlarmWindow, AlarmWindows
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.judging.observation import Observation
@@ -99,7 +98,7 @@ class Evidence(Sink):
         self._write(self._moments.finish())
         if not self._written:
             return 0
-        with _writing(self._folder.path):
+        with writing(self._folder.path):
             self._write_frames()
             index = [self._sum_up(entry, written) for written in self._written]
             said = {"version": __version__, "recording": entry.path, "bytes": entry.bytes, "alarms": index}
@@ -108,7 +107,7 @@ class Evidence(Sink):
 
     def _write(self, moments: list[AlarmWindow]) -> None:
         for moment in moments:
-            with _writing(self._folder.path):
+            with writing(self._folder.path):
                 path = self._folder.new(moment.alarm.id)
                 if path is None:
                     continue
@@ -149,12 +148,3 @@ def _alarm_of(entry: File, written: _Written) -> tuple[Vehicle, Alarm]:
 def _save(table: pa.Table, path: Path) -> None:
     with path.open("wb") as file:
         pq.write_table(table, file, compression="zstd")
-
-
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """UsageError in one line for what keeps a file from being written."""
-    try:
-        yield
-    except OSError as error:  # pyarrow's too
-        raise UsageError(f"cannot write {path}: {error.strerror or error}") from None

@@ -21,7 +21,8 @@ from mcap.writer import Writer as McapWriter
 from gcs_bridge._version import __version__
 from gcs_bridge.exporting.conventions import Convention
 from gcs_bridge.exporting.tables import TABLES
-from gcs_bridge.exporting.writers import lead_nowhere, writing
+from gcs_bridge.exporting.writers import lead_nowhere
+from gcs_bridge.files import writing
 
 __all__ = ["McapFile"]
 
@@ -93,7 +94,7 @@ class McapFile:
     def finish(self) -> list[Path]:
         """Complete the file."""
         with writing(self._path):
-            self._mcap.finish()  # type: ignore[no-untyped-call]  # the library's own signature
+            self._mcap.finish()  # type: ignore[no-untyped-call]  # mcap says not what it returns: nothing
             self._file.close()
             self._temporary.replace(self._path)
         return [self._path]

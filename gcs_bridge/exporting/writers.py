@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any, Protocol
 
@@ -16,8 +15,9 @@ import pyarrow.parquet as pq
 from gcs_bridge.errors import UsageError
 from gcs_bridge.exporting.conventions import Convention
 from gcs_bridge.exporting.tables import TABLES, schema_of
+from gcs_bridge.files import writing
 
-__all__ = ["WRITERS", "Writer", "lead_nowhere", "writing"]
+__all__ = ["WRITERS", "Writer", "lead_nowhere"]
 
 _ROWS = 65_536  # that are written at once: what a reader can skip
 
@@ -33,15 +33,6 @@ class Writer(Protocol):
 
     def discard(self) -> None:
         """Leave nothing behind of what is not whole; nothing to do after `finish`."""
-
-
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """UsageError in one line for what keeps a file from being written."""
-    try:
-        yield
-    except OSError as error:  # pyarrow's too
-        raise UsageError(f"cannot write {path}: {error.strerror or error}") from None
 
 
 def lead_nowhere(file: IO[bytes]) -> None:

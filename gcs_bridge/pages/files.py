@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePath
 from urllib.parse import quote
 
-from gcs_bridge.errors import UsageError
-from gcs_bridge.files import write_file
+from gcs_bridge.files import write_file, writing
 from gcs_bridge.pages.curves import Curves
 from gcs_bridge.pages.page import overview, page
 from gcs_bridge.report.schema import File
@@ -23,10 +22,8 @@ def write_pages(output: Path, entries: Sequence[File], curves: Mapping[str, Curv
         write_file(page(entry, curves[entry.path]), output)
         return
     folder = output.with_name(f"{output.stem}-pages")
-    try:
+    with writing(folder):
         folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"cannot write {folder}: {error.strerror}") from None
     names = _names(entries)
     for entry, name in zip(entries, names, strict=True):
         write_file(page(entry, curves[entry.path], back=f"../{quote(output.name)}"), folder / name)

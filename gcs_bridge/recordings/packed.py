@@ -147,12 +147,17 @@ def _unzip(file: BinaryIO, wanted: _Wanted) -> BinaryIO:
 
 @contextmanager
 def _damage_told(what: str) -> Iterator[None]:
-    """SourceError for what a damaged archive makes zipfile raise: there is no end to the kinds of it."""
+    """SourceError for what a damaged archive makes zipfile raise: it trusts the bytes that it is given."""
+    import lzma
+    import struct
+    import zipfile
+    import zlib
+
+    of_libraries = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error)
+    of_bytes_taken_for_others = (ValueError, LookupError, ArithmeticError, RuntimeError, EOFError)
     try:
         yield
-    except OSError:
-        raise
-    except Exception as error:  # noqa: BLE001  # the library is given the bytes as they are
+    except (*of_libraries, *of_bytes_taken_for_others) as error:
         raise SourceError(f"{what}: {one_line(str(error))}") from None
 
 
@@ -199,12 +204,9 @@ def _spool() -> Iterator[BinaryIO]:
     """A file of our own, which stays open unless filling it fails."""
     import tempfile
 
-    kept = tempfile.TemporaryFile(prefix="gcs-bridge-")  # noqa: SIM115  # who takes it closes it
-    try:
-        yield kept
-    except BaseException:
-        kept.close()
-        raise
+    with ExitStack() as stack:
+        yield stack.enter_context(tempfile.TemporaryFile(prefix="gcs-bridge-"))
+        stack.pop_all()
 
 
 def _spooled(source: IO[bytes]) -> BinaryIO:

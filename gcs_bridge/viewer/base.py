@@ -102,7 +102,7 @@ class Viewer:
         """Where one link session, or one file, is drawn; a viewer shows one, or several side by side, but once."""
         return self.recordings(name, [None])[0]
 
-    def recordings(self, name: str, several: Sequence[Beside | None]) -> list[ViewerSink]:  # noqa: ARG002  # of kinds that draw
+    def recordings(self, name: str, several: Sequence[Beside | None]) -> list[ViewerSink]:  # noqa: ARG002  # nothing is drawn
         """Where each of several is drawn that are shown side by side as `name`; None: it is alone."""
         return [ViewerSink() for _ in several]
 

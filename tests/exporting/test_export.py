@@ -18,7 +18,10 @@ from mcap.reader import make_reader
 from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
+from gcs_bridge.cli import export as command
 from gcs_bridge.cli import main
+from gcs_bridge.exporting.conventions import CONVENTIONS
+from gcs_bridge.exporting.writers import WRITERS
 from tests.helpers import wire
 from tests.helpers.paths import FIXTURES, ROOT
 
@@ -79,6 +82,12 @@ def test_pairs_and_imu_mean_what_their_columns_say(folder: Path) -> None:
     imu, raw = pq.read_table(folder / "imu.parquet"), sent(SQUARE, "RAW_IMU")
     np.testing.assert_allclose(imu["f_b_m_s2_z"], [one.zacc * 9.80665e-3 for one in raw])
     assert imu["t_sensor_us"].to_pylist() == [one.time_usec for one in raw]
+
+
+def test_the_command_offers_what_there_is() -> None:
+    """Its help names formats and frames without loading what writes them."""
+    assert list(command._FORMATS) == [*WRITERS, "rrd"]
+    assert list(command._FRAMES) == list(CONVENTIONS)
 
 
 def test_columns_tell_unit_and_meaning(folder: Path) -> None:
