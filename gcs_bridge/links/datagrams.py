@@ -129,6 +129,9 @@ def _gather(
         messages[i].controllen = _CONTROL_SIZE
         messages[i].namelen = _NAME_SIZE
         told.time.type = told.drops.type = 0
+    # None came after the one behind it. Linux takes the time of reading for those that came before it began to stamp.
+    for i in range(count + fetched - 1, 0, -1):
+        t_rx_us[i - 1] = min(t_rx_us[i - 1], t_rx_us[i])
     return dropped
 
 

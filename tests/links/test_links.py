@@ -13,10 +13,12 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gcs_bridge.chunks import Chunk, Framing
 from gcs_bridge.errors import SourceError
+from gcs_bridge.links.datagrams import DatagramReader
 from gcs_bridge.links.link import Link, LinkDownError
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.port_owner import port_owner
@@ -103,6 +105,23 @@ def test_many_datagrams_of_all_sizes(many_at_once: bool, monkeypatch: pytest.Mon
     assert [chunk.data for chunk in chunks] == sent
     assert before_us - 10_000 <= times_us[0] <= times_us[-1] <= now_us() + 1000  # of the kernel's clock
     assert times_us == sorted(times_us)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells when each arrived")
+def test_no_datagram_arrived_after_the_one_behind_it() -> None:
+    """Linux tells the time of reading for one that came before it began to stamp: later than what was stamped since."""
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        port.bind(("127.0.0.1", 0))
+        sender.connect(port.getsockname())
+        reader = DatagramReader(port)
+        sender.send(b"stamped")
+        ends, t_rx_us = np.array([3, 0]), np.array([now_us() + 60_000_000, 0])
+        assert reader.read(np.zeros(100, np.uint8), ends, t_rx_us, 1) == 2
+        assert ends.tolist() == [3, 10]
+        assert t_rx_us[0] == t_rx_us[1] <= now_us()
 
 
 def test_a_flood_of_datagrams_does_not_hold_the_loop() -> None:
