@@ -1,0 +1,34 @@
+"""Pages that follow from the code say what it says now, and leave nothing out."""
+
+import re
+
+import pytest
+import yaml
+
+from gcs_bridge.settings import Settings
+from tests.helpers.paths import ROOT
+from tests.helpers.site_pages import PAGES, blocks
+from tools.reference import TABLES, written
+
+
+@pytest.mark.parametrize("page", TABLES)
+def test_tables_are_as_the_code_has_them(page: str) -> None:
+    """`python -m tools.reference` has nothing to write: options, limits, keys and events are those of today."""
+    assert (ROOT / "docs" / page).read_text(encoding="utf-8") == written(page)
+
+
+def test_every_limit_stands_on_the_page() -> None:
+    """Each key of each section has its row, with its value in the unit of settings files."""
+    page = (ROOT / "docs" / "checks.md").read_text(encoding="utf-8").split("\n## Every limit\n")[1]
+    sections = dict(re.findall(r"^### \[(\w+)\]\n(.*?)(?=^### |\Z)", page, re.MULTILINE | re.DOTALL))
+    assert list(sections) == list(Settings.__struct_fields__)
+    for name, text in sections.items():
+        keys = [key.replace("_rad", "_deg") for key in getattr(Settings(), name).__struct_fields__]
+        assert re.findall(r"^\| `(\w+)` \| `[^`]+` \| \S", text, re.MULTILINE) == keys
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "yaml")])
+def test_yaml_on_pages_is_yaml(page: str) -> None:
+    """What people copy into their CI or Grafana can be read."""
+    for block in blocks(page, "yaml"):
+        assert all(isinstance(document, dict) for document in yaml.safe_load_all(block.text)), block.line
