@@ -144,6 +144,24 @@ def test_what_is_not_run_is_understood_all_the_same() -> None:
             understood(line)
 
 
+OF_OTHERS = {
+    "--application-id --recording-id --entity-path-prefix --static --time_sequence": "rerun's, for importers",
+    "--master": "MAVProxy's",
+    "--all --sweeps": "of tools/pictures.py, and of the tests",
+    "--troubles --begin --write --only --environments": "of benchmarks",
+}
+"""Options that pages name and that are no command's of gcs-bridge."""
+
+
+def test_options_in_sentences_are_there() -> None:
+    """What a page calls an option is one, of some command."""
+    every = [command.get_command(click.Context(command), name) for name in COMMANDS]
+    known = {option for one in every if one is not None for parameter in one.params for option in parameter.opts}
+    others = {option for line in OF_OTHERS for option in line.split()}
+    named = {code.split()[0].rstrip(",") for page in PAGES for code in inline_code(page) if re.match(r"--[a-z]", code)}
+    assert {option.partition("=")[0] for option in named} - known - others - {"--help", "--version"} == set()
+
+
 def test_benchmarks_that_pages_name_are_there_with_their_options() -> None:
     """They take too long to be run: the module is there, and so is each option, in its own words."""
     named = {

@@ -1,12 +1,16 @@
 """Pages that follow from the code say what it says now, and leave nothing out."""
 
+import json
 import re
 
 import pytest
 import yaml
 
+from gcs_bridge import Monitor
+from gcs_bridge.recordings.faults import parse_fault
+from gcs_bridge.recordings.inject import inject
 from gcs_bridge.settings import Settings
-from tests.helpers.paths import ROOT
+from tests.helpers.paths import FIXTURES, ROOT
 from tests.helpers.site_pages import PAGES, blocks
 from tools.reference import TABLES, written
 
@@ -25,6 +29,18 @@ def test_every_limit_stands_on_the_page() -> None:
     for name, text in sections.items():
         keys = [key.replace("_rad", "_deg") for key in getattr(Settings(), name).__struct_fields__]
         assert re.findall(r"^\| `(\w+)` \| `[^`]+` \| \S", text, re.MULTILINE) == keys
+
+
+def test_the_diagnosis_that_is_shown_is_the_one_that_is_made() -> None:
+    """The JSON on the page of the convention doctor is what its two commands print, to the digits that are shown."""
+    (shown,) = blocks("docs/diagnosis.md", "json")
+    recording = (FIXTURES / "a_copter_square.tlog").read_bytes()
+    monitor = Monitor()
+    monitor.feed_recording(inject(recording, [parse_fault("quaternion_conjugate")], from_s=60.0))
+    (vehicle,) = monitor.close().to_dict()["files"][0]["vehicles"]
+    said = next(alarm["diagnosis"] for alarm in vehicle["alarms"] if alarm["check"] == "euler_quaternion")
+    for key, value in json.loads(f"{{{shown.text}}}")["diagnosis"].items():
+        assert said[key] == (pytest.approx(value, rel=0.05) if isinstance(value, float) else value), key
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "yaml")])
