@@ -10,7 +10,7 @@ from gcs_bridge import Monitor
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from tests.helpers.paths import FIXTURES, ROOT
-from tests.helpers.site_pages import PAGES, blocks
+from tools.site_pages import PAGES, blocks
 
 RECORDING = FIXTURES / "c_copter_4hz.tlog"
 FAULTY = inject(RECORDING.read_bytes(), [parse_fault("yaw_offset:25")], from_s=5.0, to_s=10.0)

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.helpers.paths import ROOT
-from tests.helpers.site_pages import PAGES
 from tests.helpers.viewer_tools import has_browser
+from tools.site_pages import PAGES
 
 pytestmark = [
     pytest.mark.slow,
@@ -94,6 +94,7 @@ def address(site: Path) -> Iterator[str]:
 def page(browser: "Browser", address: str, request: pytest.FixtureRequest) -> Iterator["Page"]:
     """A phone's page, or as wide as asked for; nothing on it failed, and nothing was asked of any other place."""
     context = browser.new_context(base_url=address, viewport={"width": getattr(request, "param", 390), "height": 850})
+    context.set_default_timeout(120_000)  # a busy machine is no fault of the page's
     opened = context.new_page()
     asked: list[str] = []
     failed: list[str] = []

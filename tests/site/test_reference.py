@@ -11,8 +11,8 @@ from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from gcs_bridge.settings import Settings
 from tests.helpers.paths import FIXTURES, ROOT
-from tests.helpers.site_pages import PAGES, blocks
 from tools.reference import TABLES, written
+from tools.site_pages import PAGES, blocks
 
 
 @pytest.mark.parametrize("page", TABLES)
