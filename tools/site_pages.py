@@ -3,13 +3,14 @@
 import re
 from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).resolve().parents[1]
 PAGES = [
     path.relative_to(ROOT).as_posix()
     for pattern in ("*.md", "docs/*.md", "benchmarks/*.md", "sitl_fixtures/README.md")
@@ -79,3 +80,32 @@ def as_shown(shown: str) -> re.Pattern[str]:
     return re.compile(
         "".join(r"(?:.*\n)*" if line == "…" else ".*".join(map(re.escape, line.split("…"))) + "\n" for line in lines)
     )
+
+
+class Link(NamedTuple):
+    """Where a link or a picture within the project leads: a file of the checkout, and a heading of it ("": none)."""
+
+    target: str
+    anchor: str
+
+
+def links(page: str) -> Iterator[Link]:
+    """The page's links and pictures that stay within the project."""
+    for token in _parsed(page):
+        for child in token.children or ():
+            written = child.attrs.get("href") if child.type == "link_open" else child.attrs.get("src")
+            if written is not None and "://" not in str(written):
+                path, _, anchor = str(written).partition("#")
+                target = ((ROOT / page).parent / path).resolve() if path else ROOT / page
+                yield Link(target.relative_to(ROOT).as_posix(), anchor)
+
+
+def anchors(page: str) -> set[str]:
+    """Of the page's headings, as GitHub and MyST make them."""
+    tokens = _parsed(page)
+    titles = [
+        "".join(child.content for child in inline.children or ())
+        for heading, inline in pairwise(tokens)
+        if heading.type == "heading_open"
+    ]
+    return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
