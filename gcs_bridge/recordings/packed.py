@@ -173,15 +173,16 @@ def _members(file: BinaryIO, path: Path) -> list[str]:
 
 
 def _capture(file: BinaryIO, wanted: _Wanted) -> BinaryIO:
-    from gcs_bridge.recordings.capture import flows, write_records
+    from gcs_bridge.recordings.capture import write_records
 
-    try:
-        flow = _one_of(flows(file), wanted, "flow of MAVLink over UDP")
-        with _spool() as kept:
-            wanted.remarks.extend(write_records(file, flow, kept))
-            return kept
-    except ValueError as error:
-        raise SourceError(f"{wanted.path}: the capture cannot be read: {one_line(str(error))}") from None
+    with _spool() as kept:
+        try:
+            flows, remarks = write_records(file, wanted.inside, kept)
+        except ValueError as error:
+            raise SourceError(f"{wanted.path}: the capture cannot be read: {one_line(str(error))}") from None
+        _one_of(flows, wanted, "flow of MAVLink over UDP")
+        wanted.remarks.extend(remarks)
+        return kept
 
 
 def _one_of(names: list[str], wanted: _Wanted, what: str) -> str:

@@ -128,6 +128,18 @@ def test_what_both_ends_say_is_one_link_and_other_flows_are_others(tmp_path: Pat
         gcs_bridge.check(path)
 
 
+def test_frames_in_shape_alone_are_no_flow(tmp_path: Path) -> None:
+    """What happens to begin and end as a frame does, with another checksum, is no second link to choose from."""
+    alike = b"\xfe\x09" + bytes(15)
+    packets = [(t, udp(frame)) for t, frame in records(DATA)]
+    packets[1:1] = [(packets[1][0], udp(alike, "10.0.0.3:53")), (packets[1][0], udp(b"", "10.0.0.4:54"))]
+    path = tmp_path / "capture.pcap"
+    path.write_bytes(pcap(packets))
+    assert recordings_in(path) == [path]
+    (entry,) = gcs_bridge.check(path).to_dict()["files"]
+    assert entry["salvage"]["frames"] == len(records(DATA))
+
+
 def test_several_frames_in_a_datagram_and_noise_between_them(tmp_path: Path) -> None:
     """What is no frame is counted as it is in any recording; the frames around it are read."""
     frames = records(DATA)
