@@ -209,9 +209,7 @@ def test_a_heading_past_south_is_drawn_on_both_sides(tmp_path: Path) -> None:
         browser.close()
     width, *data = drawn_yaw
     picture = np.array(data, np.int64).reshape(-1, width, 4)
-    coloured = (
-        np.abs(picture[..., 2] - picture[..., 0]) > 40
-    )  # blue or orange, as the curves are
+    coloured = np.abs(picture[..., 2] - picture[..., 0]) > 40  # blue or orange, as the curves are
     rows, columns = np.nonzero(coloured & (picture[..., 3] > 40))
     top, bottom = rows < len(picture) / 3, rows > len(picture) / 2.2
     assert np.all(top | bottom)
