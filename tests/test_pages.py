@@ -1,4 +1,4 @@
-"""What README.md and docs/ show in Python runs as it stands."""
+"""What the pages show in Python runs as it stands."""
 
 import re
 from collections.abc import Iterator
@@ -10,6 +10,7 @@ from gcs_bridge import Monitor
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from tests.helpers.paths import FIXTURES, ROOT
+from tools.site_pages import PAGES, blocks
 
 RECORDING = FIXTURES / "c_copter_4hz.tlog"
 FAULTY = inject(RECORDING.read_bytes(), [parse_fault("yaw_offset:25")], from_s=5.0, to_s=10.0)
@@ -31,15 +32,28 @@ def link() -> Iterator[tuple[bytes, int]]:
     return iter([(b"".join(data for data, _ in piece), piece[-1][1]) for piece in pieces])
 
 
+RUN = [
+    ("docs/python.md", "Recordings", "euler_quaternion 25.0"),
+    ("docs/python.md", "Bytes as they come", "alarm_raised euler_quaternion"),
+    ("docs/python.md", "The math alone", "85.9"),  # 1.5 rad
+    ("docs/evidence.md", "While a link is live", "1.1-euler_quaternion-0-1 "),
+    ("docs/export.md", "In Python", "ATTITUDE 1 "),
+]
+NOT_RUN = {
+    ("docs/ci.md", "pytest"): "is a test of somebody's own simulation: tests/test_pytest_plugin.py runs the fixture",
+    ("docs/evidence.md", "The tables"): "needs pandas, which this project does not",
+}
+
+
+def test_no_python_of_any_page_is_left_out() -> None:
+    """Each block is run here, or says why not."""
+    known = [*((page, heading) for page, heading, _ in RUN), *NOT_RUN]
+    of_pages = {page: sum(len(python_blocks(page, heading)) for at, heading in known if at == page) for page in PAGES}
+    assert of_pages == {page: len(blocks(page, "python")) for page in PAGES}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("page", "heading", "said"),
-    [
-        ("README.md", "In Python", "alarm_raised"),
-        ("docs/evidence.md", "While a link is live", "1.1-euler_quaternion-0-1 "),
-        ("docs/export.md", "In Python", "ATTITUDE 1 "),
-    ],
-)
+@pytest.mark.parametrize(("page", "heading", "said"), RUN)
 def test_a_pages_python_runs(
     page: str,
     heading: str,
@@ -53,9 +67,9 @@ def test_a_pages_python_runs(
     monkeypatch.chdir(tmp_path)
     Path("flight.tlog").write_bytes(FAULTY)
     names: dict[str, object] = {"link": link}
-    blocks = python_blocks(page, heading)
-    assert blocks
-    for block in blocks:
+    lines = python_blocks(page, heading)
+    assert lines
+    for block in lines:
         exec(block, names)
     assert said in capsys.readouterr().out
-    assert (next(link, None) is None) == any(re.search(r"\blink\b", block) for block in blocks)
+    assert (next(link, None) is None) == any(re.search(r"\blink\b", block) for block in lines)

@@ -4,19 +4,20 @@
     python tools/pictures.py --all FOLDER     each scene in both themes and both sizes, to be looked at
 
 Draws with rerun's own viewer. It needs a graphics driver and, for the light theme, a display without a screen; on a
-machine without a graphics card: apt-get install mesa-vulkan-drivers libvulkan1 xvfb
+machine without a graphics card: apt-get install mesa-vulkan-drivers libvulkan1 xvfb. The report's page: chromium
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, chdir, contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -313,6 +314,22 @@ class Studio:
         told(target, MOST_ANIMATION_BYTES)
 
 
+def report_page(target: Path) -> None:
+    """The report as a page, as Chromium shows it: an alarm above, curves below."""
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory() as folder, chdir(folder), sync_playwright() as tools:
+        flight, page, picture = (Path(folder) / f"flight.{ending}" for ending in ("tlog", "html", "png"))
+        flight.write_bytes(faulty())
+        gcs_bridge(["check", "-q", flight.name, "--output", page.name])
+        browser = tools.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        shown = browser.new_page(viewport={"width": 1280, "height": 1860})
+        shown.goto(page.as_uri())
+        shown.screenshot(path=picture)
+        browser.close()
+        save(Image.open(picture), target)
+
+
 def save(picture: Image.Image, target: Path) -> None:
     """Write a picture with few colours: what is drawn has few."""
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -332,7 +349,7 @@ def main() -> None:
     """Take them all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--all", type=Path, metavar="FOLDER", help="every scene in both themes and both sizes")
-    parser.add_argument("names", nargs="*", help="these alone: demo, " + ", ".join(PICTURES))
+    parser.add_argument("names", nargs="*", help="these alone: demo, report, " + ", ".join(PICTURES))
     options = parser.parse_args()
     with ExitStack() as stack:
         studio = Studio(stack, Path(stack.enter_context(tempfile.TemporaryDirectory())))
@@ -345,6 +362,8 @@ def main() -> None:
         for name, picture in PICTURES.items():
             if not options.names or name in options.names:
                 studio.take(picture, TARGET / f"{name}.webp")
+        if not options.names or "report" in options.names:
+            report_page(TARGET / "report.webp")
         if not options.names or "demo" in options.names:
             studio.animate("alarm", (56.0, 78.0), TARGET / "demo.webp", frames=56, frame_ms=180)
 
