@@ -16,7 +16,7 @@ import rerun as rr
 
 from gcs_bridge.columns import Int64s
 
-__all__ = ["ARROW", "GEO_POINT", "PLACE", "SCALARS", "TURN", "ComponentKind", "TimeColumn"]
+__all__ = ["ARROW", "CHILD_FRAME", "GEO_POINT", "PARENT_FRAME", "PLACE", "SCALARS", "TURN", "TimeColumn"]
 
 _ROWS = 4096  # the offsets of so many are made once
 
@@ -67,6 +67,19 @@ class ComponentKind:
         return self._offsets[each]
 
 
+class TextKind:
+    """A component of an archetype whose values are texts."""
+
+    def __init__(self, example: rr.ComponentColumnList) -> None:
+        """As of `example`, of one column."""
+        (column,) = example
+        self._descriptor = column.component_descriptor()
+
+    def column(self, texts: list[str]) -> rr.ComponentColumn:
+        """A column of n rows, of one text each."""
+        return _Column(self._descriptor, pa.ListArray.from_arrays(list(range(len(texts) + 1)), pa.array(texts)))
+
+
 class TimeColumn:
     """Times on a timeline (n,), µs, as rerun takes them: since an instant of its own, or since 1970."""
 
@@ -103,3 +116,5 @@ PLACE = ComponentKind(rr.Transform3D.columns(translation=np.zeros((1, 3))))
 SCALARS = ComponentKind(rr.Scalars.columns(scalars=np.zeros(1)))
 ARROW = ComponentKind(rr.Arrows3D.columns(vectors=np.zeros((1, 3))))
 GEO_POINT = ComponentKind(rr.GeoPoints.columns(positions=np.zeros((1, 2))))
+CHILD_FRAME = TextKind(rr.Transform3D.columns(child_frame=[""]))
+PARENT_FRAME = TextKind(rr.Transform3D.columns(parent_frame=[""]))

@@ -10,15 +10,17 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
-from gcs_bridge.columns import Floats, Mask, all_true, any_true
+from gcs_bridge.columns import Floats
+from gcs_bridge.columns import Rows as Picked
 from gcs_bridge.viewer.arrays import ARROW, GEO_POINT, PLACE, SCALARS, TURN
 from gcs_bridge.viewer.drawing import Drawing
 from gcs_bridge.viewer.scene import Part
 from gcs_bridge.viewer.times import Instant, Times
 
-__all__ = ["Rows", "Shown", "broken_at_wraps"]
+__all__ = ["POSE", "Rows", "Shown", "broken_at_wraps"]
 
-_POSE = 7  # numbers of a place with an attitude
+POSE = 7
+"""Numbers of a place with an attitude."""
 Texts = npt.NDArray[np.str_]
 
 
@@ -80,16 +82,12 @@ class Rows:
 
     def send(self, recording: Drawing) -> None:
         """Draw them."""
-        known = self.times.t_rx_us > 0
-        if all_true(known) or not any_true(known):
-            self._send(recording)
-        else:
-            for mask in (known, ~known):
-                self._where(mask)._send(recording)
+        for times, rows in self.times.parts():
+            (self if len(times) == len(self.times) else self._where(rows))._send(recording)
 
-    def _where(self, mask: Mask) -> Rows:
-        values = [{path: of[mask] for path, of in getattr(self, kind.name).items()} for kind in fields(self)[1:]]
-        return Rows(self.times[mask], *values)
+    def _where(self, rows: Picked) -> Rows:
+        values = [{path: of[rows] for path, of in getattr(self, kind.name).items()} for kind in fields(self)[1:]]
+        return Rows(self.times[rows], *values)
 
     def _send(self, recording: Drawing) -> None:
         """The same of rows, one at least, whose receive times are all known, or all unknown."""
@@ -102,7 +100,7 @@ class Rows:
             recording.send_columns(path, times, [ARROW.column(vectors)])
         for path, poses in self.poses.items():
             moved = [PLACE.column(poses[:, :3])]
-            if poses.shape[1] == _POSE:
+            if poses.shape[1] == POSE:
                 moved.append(TURN.column(poses[:, 3:]))
             recording.send_columns(path, times, moved)
         for path, strips in self.strips.items():

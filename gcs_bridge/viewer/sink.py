@@ -5,7 +5,7 @@ Attitudes are drawn as sent, never normalised.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import rerun as rr
@@ -30,6 +30,8 @@ from gcs_bridge.viewer.drawing import Drawing
 from gcs_bridge.viewer.event_text import text_of
 from gcs_bridge.viewer.figure import New
 from gcs_bridge.viewer.followed import Followed
+from gcs_bridge.viewer.frames import Frames
+from gcs_bridge.viewer.held import Held
 from gcs_bridge.viewer.motion_lines import MotionLines
 from gcs_bridge.viewer.pace import Pace
 from gcs_bridge.viewer.rows import Rows, Shown
@@ -41,44 +43,12 @@ from gcs_bridge.viewer.world import World
 __all__ = ["RerunSink", "sinks_of"]
 
 
-_Drawer = Callable[["RerunSink", VehicleId, Stretch], None]
-
-
-class _Held:
-    """What was observed of a vehicle in one boot, and is not drawn yet by each of the stages."""
-
-    def __init__(self) -> None:
-        self._observations: list[Observation] = []
-        self._drawn = [0] * len(_STAGES)  # so many of them
-        self._drawn_us = [-_NEVER_US] * len(_STAGES)  # the boot time then
-        self._now_us = -_NEVER_US
-
-    @property
-    def boot(self) -> int | None:
-        """Of what waits; None: nothing does."""
-        return self._observations[0].segment.boot if self._observations else None
-
-    def add(self, observation: Observation) -> None:
-        """One more waits."""
-        self._observations.append(observation)
-        if len(observation.segment.t_boot_us):
-            self._now_us = int(observation.segment.t_boot_us[-1])
-
-    def take(self, slower: float) -> Iterator[tuple[_Drawer, Stretch]]:
-        """What is to be drawn now, with its stage: by a hold so many times as long; 0: all that waits."""
-        count = len(self._observations)
-        for at, (hold_us, draw) in enumerate(_STAGES):
-            is_time = (
-                abs(self._now_us - self._drawn_us[at]) >= hold_us * slower or count - self._drawn[at] >= _MOST_HELD
-            )
-            if is_time and self._drawn[at] < count:
-                stretch = Stretch(self._observations[self._drawn[at] :])
-                self._drawn[at], self._drawn_us[at] = count, self._now_us
-                yield draw, stretch
-        least = min(self._drawn)
-        if least:
-            del self._observations[:least]
-            self._drawn = [drawn - least for drawn in self._drawn]
+# How often each part of the picture is drawn, µs of the vehicle's time: bodies as often as a live link is judged, which
+# is some 20 times a second; the indicator seven times; plots three times, since the eye sees no more, and each time
+# costs as much as 100 rows. Of several vehicles all but the bodies is drawn less often.
+_BODIES_US, _INDICATOR_US, _REST_US = 35_000.0, 130_000.0, 310_000.0
+_MORE_EACH, _MOST = 0.22, 4.0
+_AT_ONCE = (0.0, 0.0, 0.0)
 
 
 class RerunSink(ViewerSink):
@@ -103,7 +73,8 @@ class RerunSink(ViewerSink):
         self._label = label
         self._live = world.live
         self._gather = gather
-        self._held: dict[VehicleId, _Held] = {}
+        self._frames = Frames() if world.live and gather == 1 else None
+        self._held: dict[VehicleId, Held] = {}
         self._waiting: dict[tuple[int | str, ...], list[Rows]] = {}
         self._pace = pace
         self._vehicles: dict[VehicleId, Followed] = {}
@@ -115,28 +86,24 @@ class RerunSink(ViewerSink):
         """Draw samples and their comparison, each part of the picture as often as it is to be drawn."""
         if self._pace is not None and not self._pace.is_kept:
             return
-        held = self._held.setdefault(observation.vehicle, _Held())
+        held = self._held.setdefault(observation.vehicle, Held(len(_AT_ONCE)))
         if held.boot not in (None, observation.segment.boot):
-            self._draw_held(observation.vehicle, held, 0.0)
+            self._draw_held(observation.vehicle, held, _AT_ONCE)
         held.add(observation)
-        self._draw_held(observation.vehicle, held, self._slower)
-
-    @property
-    def _slower(self) -> float:
-        """How much longer all is held than of one vehicle."""
-        return min(1.0 + _MORE_EACH * max(len(self._vehicles) - 1, 0), _MOST)
+        slower = min(1.0 + _MORE_EACH * max(len(self._vehicles) - 1, 0), _MOST)
+        self._draw_held(observation.vehicle, held, (_BODIES_US, _INDICATOR_US * slower, _REST_US * slower))
 
     def _draw_observed(self) -> None:
         for vehicle, held in self._held.items():
-            self._draw_held(vehicle, held, 0.0)
+            self._draw_held(vehicle, held, _AT_ONCE)
 
-    def _draw_held(self, vehicle: VehicleId, held: _Held, slower: float) -> None:
+    def _draw_held(self, vehicle: VehicleId, held: Held, holds_us: Sequence[float]) -> None:
         key = self._key(vehicle)
-        for draw, stretch in held.take(slower):
+        for part, stretch in held.take(holds_us):
             if stretch.sent:
                 self._vehicle(key)
             if key in self._vehicles:
-                draw(self, key, stretch)
+                (self._draw_bodies, self._draw_indicator, self._draw_rest)[part](key, stretch)
 
     def _draw_bodies(self, key: VehicleId, stretch: Stretch) -> None:
         """Attitudes, and what shows how they differ."""
@@ -166,6 +133,11 @@ class RerunSink(ViewerSink):
         for event in events:
             self._draw_event(event)
         self._settle()
+        self._move()
+
+    def _move(self) -> None:
+        if self._frames is not None:
+            self._frames.send(self._rec)
 
     def _settle(self) -> None:
         for vehicle in self._vehicles.values():
@@ -230,6 +202,7 @@ class RerunSink(ViewerSink):
     def flush(self) -> None:
         """Draw what waits for more."""
         self._draw_observed()
+        self._move()
         for waiting in self._waiting.values():
             if waiting:
                 Rows.joined(waiting).send(self._rec)
@@ -305,6 +278,8 @@ class RerunSink(ViewerSink):
 
     def _draw_rows(self, rows: Rows) -> None:
         """Draw rows now, or with those that follow."""
+        if self._frames is not None:
+            rows = self._frames.take(rows)
         if self._gather == 1:
             rows.send(self._rec)
             return
@@ -360,20 +335,6 @@ class RerunSink(ViewerSink):
         if first is None or first.t_rx_us <= 0 or first.t_boot_us is None or t_rx_us > self._latest_rx_us:
             return None
         return Instant(first.boot, max(first.t_boot_us + t_rx_us - first.t_rx_us, 0), t_rx_us)
-
-
-# How often each part of the picture is drawn, µs of the vehicle's time: bodies as often as a live link is judged, which
-# is some 20 times a second; the indicator seven
-# times; plots four times, since the eye sees no more, and each time costs as much as 100 rows. Of
-# several vehicles all is drawn less often.
-_STAGES: tuple[tuple[int, _Drawer], ...] = (
-    (35_000, RerunSink._draw_bodies),
-    (130_000, RerunSink._draw_indicator),
-    (220_000, RerunSink._draw_rest),
-)
-_MORE_EACH, _MOST = 0.22, 4.0
-_MOST_HELD = 64  # observations, where no time passes: batches without a message that tells it
-_NEVER_US = 1 << 60
 
 
 def sinks_of(

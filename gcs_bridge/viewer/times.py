@@ -6,11 +6,12 @@ They are kept as they came: each boot of a vehicle is a clock of its own, and so
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from gcs_bridge.columns import Columns, Int64s, record
+from gcs_bridge.columns import Columns, Int64s, Rows, all_true, any_true, record
 from gcs_bridge.events import Event
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.viewer.arrays import TimeColumn
@@ -79,6 +80,15 @@ class Times(Columns):
     def moment(self, row: int) -> Instant:
         """When one of them was true."""
         return Instant(self.boot, int(self.t_boot_us[row]), int(self.t_rx_us[row]))
+
+    def parts(self) -> Iterator[tuple[Times, Rows]]:
+        """The rows whose receive times are all known, and those of which none is, as far as there are any."""
+        known = self.t_rx_us > 0
+        if all_true(known) or not any_true(known):
+            yield self, slice(None)
+        else:
+            for mask in (known, ~known):
+                yield self[mask], mask
 
     def columns(self, aligned: Aligned | None = None) -> list[TimeColumn]:
         """The times of rows whose receive times are all known, or all unknown; on the timeline `aligned` too."""
