@@ -45,6 +45,7 @@ from gcs_bridge.columns import Floats
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.airframes import Airframe, airframe_of, shape_of
 from gcs_bridge.viewer.base import UTC
+from gcs_bridge.viewer.below import FRAME
 from gcs_bridge.viewer.compass import horizon, rose
 from gcs_bridge.viewer.palette import ALARM, LEVEL_AXES, OK, UNKNOWN, WARNING
 from gcs_bridge.viewer.palette import EULER as _EULER
@@ -281,7 +282,7 @@ def corrected_parts(key: VehicleId, text: str) -> Iterator[Part]:
     path = path_of(key, "body", "corrected")
     yield f"{path}/axes", rr.Arrows3D(vectors=_CORRECTED_M * np.eye(3), colors=_CORRECTED, radii=0.01)
     yield f"{path}/name", _texts([UNDONE_AT], [text], [_CORRECTED])
-    yield f"{path}/name", rr.CoordinateFrame(f"tf#/{path_of(key, 'body')}")
+    yield f"{path}/name", rr.CoordinateFrame(f"{FRAME}{path_of(key, 'body')}")
 
 
 def motion_parts(key: VehicleId) -> Iterator[Part]:
