@@ -15,7 +15,7 @@ from gcs_bridge.cli.selection import Selection, selection_options
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.recordings.open import READERS
-from gcs_bridge.recordings.packed import ARCHIVE, PACKED, recordings_in
+from gcs_bridge.recordings.packed import LOOKED_FOR, PACKED, recordings_in
 from gcs_bridge.report.formats import FORMATS, PAGE, TELL_REFUSED, Asked, format_of
 
 if TYPE_CHECKING:  # loaded when there is something to judge
@@ -24,8 +24,6 @@ if TYPE_CHECKING:  # loaded when there is something to judge
     from gcs_bridge.report.schema import File
 
 __all__ = ["check", "find_recordings"]
-
-_FOUND = (*READERS, *(suffix + PACKED for suffix in READERS), ARCHIVE)
 
 
 @click.command()
@@ -194,7 +192,7 @@ def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeEr
             Path(folder, name)
             for folder, _, names in os.walk(path, onerror=unreadable.append)
             for name in names
-            if name.lower().endswith(_FOUND) and os.path.isfile(Path(folder, name))
+            if name.lower().endswith(LOOKED_FOR) and os.path.isfile(Path(folder, name))
         )
         recordings = [one for file in inside for one in recordings_in(file)]
         found.update(dict.fromkeys(recordings))
