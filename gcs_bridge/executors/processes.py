@@ -6,6 +6,7 @@ Workers begin as fresh interpreters, on every system alike, and end when the pro
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -169,6 +170,8 @@ def _end_with_parent() -> None:
 
 
 def _do(work: Callable[[Any], Any], task: Any) -> _Done:
+    if not gc.get_freeze_count():
+        gc.freeze()  # what `work` imported stays: looking for garbage in it again and again takes a tenth of the time
     return _Done(work(task), _held())
 
 

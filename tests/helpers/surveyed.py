@@ -6,6 +6,7 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
+from gcs_bridge.executors.base import Executor
 from gcs_bridge.settings import Settings
 from gcs_bridge.survey.dataset import Dataset
 from gcs_bridge.survey.found import find
@@ -33,15 +34,17 @@ def surveyed(paths: Iterable[Any], folder: Path, *, digest: str = DIGEST, versio
         return surveyed_into(dataset, paths, pages=pages)
 
 
-def surveyed_into(dataset: Dataset, paths: Iterable[Any], *, pages: bool = False) -> Ran:
-    """The same into a dataset that is open."""
+def surveyed_into(
+    dataset: Dataset, paths: Iterable[Any], *, pages: bool = False, executor: Executor | None = None
+) -> Ran:
+    """The same into a dataset that is open, in this process or by an executor."""
     asked = Asked(
         settings=Settings(),
         judged_by={},
         settings_digest=DIGEST,
         pages=Pages(folder=str(dataset.folder), token=dataset.token, every=False) if pages else None,
     )
-    return survey(find(map(str, paths)), dataset, asked, Inline(), Unwatched())
+    return survey(find(map(str, paths)), dataset, asked, executor or Inline(), Unwatched())
 
 
 def rows(folder: Path, table: str) -> list[dict[str, Any]]:
