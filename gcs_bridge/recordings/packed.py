@@ -17,12 +17,23 @@ from typing import IO, BinaryIO, NamedTuple
 from gcs_bridge.errors import SourceError, one_line
 from gcs_bridge.files import INSIDE, file_of
 
-__all__ = ["ARCHIVE", "PACKED", "STANDARD_INPUT", "SUFFIXES", "name_of", "recordings_in", "standard_input", "unpacked"]
+__all__ = [
+    "LOOKED_FOR",
+    "PACKED",
+    "STANDARD_INPUT",
+    "SUFFIXES",
+    "name_of",
+    "recordings_in",
+    "standard_input",
+    "unpacked",
+]
 
 SUFFIXES = (".tlog", ".raw", ".rlog", ".mavlink", ".pcap", ".pcapng")
 """Of recordings, in lower case."""
 PACKED, ARCHIVE = ".gz", ".zip"
 """What may follow any of them, and what may hold them."""
+LOOKED_FOR = (*SUFFIXES, *(suffix + PACKED for suffix in SUFFIXES), ARCHIVE)
+"""How the files end that are taken for recordings where a folder is searched."""
 STANDARD_INPUT = Path("-")
 _MOST_NAMED = 5
 _MOST_LAYERS = 8  # of packing: there are archives that hold themselves
