@@ -6,7 +6,7 @@ Recordings are made of `a_copter_square` by taking records out, or by hand; the 
 from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from functools import cache
-from itertools import count, pairwise
+from itertools import count, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -427,9 +427,14 @@ def test_a_lost_stretch_of_frames_is_no_restart() -> None:
 # --- two boots at once ---
 
 
-@pytest.mark.parametrize("pattern", ["ab", "aab", "abb", "aaaabbb", "aababbbaab", "a" * 40 + "b" * 40])
 @pytest.mark.slow
-@pytest.mark.parametrize("older_s", [600.0, 90.0, 5000.0])
+@pytest.mark.parametrize(
+    ("pattern", "older_s"),
+    one_in(
+        4,
+        product(["ab", "aab", "abb", "aaaabbb", "aababbbaab", "a" * 40 + "b" * 40], [600.0, 90.0, 5000.0]),
+    ),
+)
 def test_backlogs_of_two_boots_are_two_boots(pattern: str, older_s: float) -> None:
     """What was kept of the boot before comes between what is new: one restart."""
     of = {"a": craft(boot_s=older_s, beats=False).records(60), "b": craft(boot_s=4.0, beats=False).records(60)}
