@@ -7,9 +7,6 @@ from collections.abc import Iterator
 import hypothesis
 import pytest
 
-# By default a case that takes 0.2 s fails: on a busy machine each of them may.
-hypothesis.settings.register_profile("untimed", deadline=None)
-hypothesis.settings.load_profile("untimed")
 pytest.register_assert_rewrite("tests.helpers")
 
 
@@ -32,6 +29,15 @@ def pytest_collection() -> Iterator[None]:
 
 # Their tests wait on real time, or on programs that they start.
 _WAITING = ("tests/cli/test_listen.py", "tests/jit/", "tests/links/", "tests/sending/", "tests/sinks/", "tests/viewer/")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Hypothesis tries the same cases in every run; new ones, by chance, where everything is run.
+
+    By default a case that takes 0.2 s fails: on a busy machine each of them may.
+    """
+    hypothesis.settings.register_profile("ours", deadline=None, derandomize=not config.getoption("--sweeps"))
+    hypothesis.settings.load_profile("ours")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
