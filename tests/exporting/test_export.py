@@ -316,7 +316,8 @@ def test_a_damaged_time_does_not_draw_the_timeline_out(tmp_path: Path) -> None:
 
 def test_mcap_of_a_stream_without_times_is_on_the_vehicle_s_clock(tmp_path: Path) -> None:
     """Messages that nothing here judges too, where they carry it."""
-    (tmp_path / "a.raw").write_bytes(b"".join(frame for _, frame in wire.records(SQUARE.read_bytes())))
+    frames = [frame for _, frame in wire.records(SQUARE.read_bytes())]
+    (tmp_path / "a.raw").write_bytes(b"".join(frames[: len(frames) // 8]))
     assert export(tmp_path / "a.raw", tmp_path / "a.mcap", "--format", "mcap", "--all") == 0
     told = {
         said["time_boot_ms"]: t_ns
