@@ -1,13 +1,12 @@
 """Before the first test: the kernels are compiled, so that no process says so, or waits for it; no test is timed."""
 
+import gc
 import os
+from collections.abc import Iterator
 
 import hypothesis
 import pytest
 
-# By default a case that takes 0.2 s fails: on a busy machine each of them may.
-hypothesis.settings.register_profile("untimed", deadline=None)
-hypothesis.settings.load_profile("untimed")
 pytest.register_assert_rewrite("tests.helpers")
 
 
@@ -17,8 +16,28 @@ def pytest_xdist_auto_num_workers() -> int:
     return processors + 1
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """What is collected stays to the end: the garbage collector need not look at it, now or in any test."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
 # Their tests wait on real time, or on programs that they start.
 _WAITING = ("tests/cli/test_listen.py", "tests/jit/", "tests/links/", "tests/sending/", "tests/sinks/", "tests/viewer/")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Hypothesis tries the same cases in every run; new ones, by chance, where everything is run.
+
+    By default a case that takes 0.2 s fails: on a busy machine each of them may.
+    """
+    hypothesis.settings.register_profile("ours", deadline=None, derandomize=not config.getoption("--sweeps"))
+    hypothesis.settings.load_profile("ours")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -1,6 +1,7 @@
 """CONTRIBUTING.md names what there is: every package has its row, and no file, module or name on the page is gone."""
 
 import re
+from functools import cache
 from itertools import chain
 
 import pytest
@@ -36,12 +37,17 @@ def test_files_of_the_recipes_exist() -> None:
     assert {path for path in paths if not any((root / path).exists() for root in (ROOT, PACKAGE))} == set()
 
 
+@cache
+def words_of_the_code() -> set[str]:
+    paths = [*PACKAGE.rglob("*.py"), *ROOT.glob("tests/**/*.py")]
+    return {word for path in paths for word in re.findall(r"\w+", path.read_text(encoding="utf-8"))}
+
+
 @pytest.mark.parametrize(("title", "recipe"), RECIPES, ids=lambda text: text[:40])
 def test_a_recipe_names_a_line_and_a_test(title: str, recipe: str) -> None:
     """A recipe ends nowhere else than in a test to copy, and the names that it lists things in are in the code."""
     assert re.search(r"`tests/[\w/]+\.py`", recipe), title
-    code = "".join(path.read_text(encoding="utf-8") for path in [*PACKAGE.rglob("*.py"), *ROOT.glob("tests/**/*.py")])
     names = [
         name for name in re.findall(r"`([A-Za-z_.]+)`", recipe) if not name.endswith((".py", ".toml", ".tlog", ".md"))
     ]
-    assert [name for name in names if not re.search(rf"\b{name.rpartition('.')[2]}\b", code)] == [], title
+    assert [name for name in names if name.rpartition(".")[2] not in words_of_the_code()] == [], title

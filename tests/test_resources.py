@@ -1,5 +1,6 @@
 """Shipped data: found in a wheel and in a checkout."""
 
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,13 @@ def test_shipped_data_are_here() -> None:
 def test_demo_is_the_fixture() -> None:
     """The demo recording is the fixture, byte for byte: a wheel carries it under another name."""
     assert resources.demo_recording().read_bytes() == (ROOT / "sitl_fixtures" / "a_copter_square.tlog").read_bytes()
+
+
+def test_headless_is_all_but_the_viewer() -> None:
+    """What a machine installs that only judges follows what the package asks for."""
+    asked = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    lines = (resources.config_folder() / "headless.txt").read_text().splitlines()
+    assert [line for line in lines if not line.startswith("#")] == [one for one in asked if "rerun" not in one]
 
 
 def test_a_wheel_uses_its_own_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,6 +33,7 @@ from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.processes import free_port
+from gcs_bridge.viewer.stretch import Stretch
 from gcs_bridge.viewer.trail import Origins, Trail
 from gcs_bridge.viewer.trail_views import trail_views
 
@@ -154,7 +155,7 @@ def only_trail(recording: Path, layout: Path) -> Path:
 
     def follow(observation: Observation) -> None:
         key = observation.vehicle
-        list(trails.setdefault(key, Trail(key, len(trails), origins)).feed(observation))
+        list(trails.setdefault(key, Trail(key, len(trails), origins)).feed(Stretch([observation])))
 
     monitor = Monitor(observer=follow)
     monitor.feed_recording(recording.read_bytes())

@@ -221,6 +221,11 @@ class Check(ABC):
         """What else there is to say of a comparison that was judged."""
         return None
 
+    @property
+    def bias(self) -> tuple[float, float, float] | None:
+        """What of the difference is taken for the sensor's own and not judged, in body axes, in the check's unit."""
+        return None
+
     def numbers(self) -> Numbers:
         """The report's numbers, in the check's unit."""
         residual, alive_us = self.distribution(self.residual), self.alive_us

@@ -155,6 +155,14 @@ class Gyro(ImuCheck):
         return f"no gyro sample came between two attitudes with rates ({self._scale})"
 
     @property
+    def bias(self) -> tuple[float, float, float] | None:
+        """The gyro's, deg/s, as it was last known; None where nothing was judged."""
+        if not self.judged or not self._state["started"][0]:
+            return None
+        x, y, z = np.degrees(self._state["bias_rad_s"][0]).tolist()
+        return x, y, z
+
+    @property
     def remark(self) -> str | None:
         """The unit that was taken, and how much could not be told at this sampling."""
         said = (super().remark, too_slow_for(int(self._untold["too_slow"][0]), self.judged))

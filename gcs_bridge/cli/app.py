@@ -38,6 +38,7 @@ COMMANDS = {
     "inject": "Write a copy of a recording with a chosen fault.",
     "listen": "Judge live links, as it happens.",
     "replay": "Show recordings in the viewer.",
+    "survey": "Judge thousands of recordings: a dataset and a summary.",
 }
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,17 +15,15 @@ from gcs_bridge.cli.selection import Selection, selection_options
 from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.recordings.open import READERS
-from gcs_bridge.recordings.packed import ARCHIVE, PACKED, recordings_in
+from gcs_bridge.recordings.packed import LOOKED_FOR, PACKED, recordings_in
 from gcs_bridge.report.formats import FORMATS, PAGE, TELL_REFUSED, Asked, format_of
 
 if TYPE_CHECKING:  # loaded when there is something to judge
-    from gcs_bridge.evidence.place import Folder
+    from gcs_bridge.cli.check_run import Judged
     from gcs_bridge.pages.curves import Curves
     from gcs_bridge.report.schema import File
 
 __all__ = ["check", "find_recordings"]
-
-_FOUND = (*READERS, *(suffix + PACKED for suffix in READERS), ARCHIVE)
 
 
 @click.command()
@@ -53,6 +52,9 @@ _FOUND = (*READERS, *(suffix + PACKED for suffix in READERS), ARCHIVE)
     help="An earlier report (JSON): fail by what is new alone.",
 )
 @click.option("--evidence", type=click.Path(path_type=Path), metavar="DIR", help="Write what each alarm rests on.")
+@click.option(
+    "--jobs", type=click.IntRange(min=1), metavar="N", help="Judge so many recordings at a time.  [by their sizes]"
+)
 @click.option("--fail-on", type=click.Choice(["warning", "alarm", "never"]), help="What ends with 1.  [alarm]")
 @selection_options("Judge")
 @click.option("-q", "--quiet", is_flag=True, help="Only the last line of each file.")
@@ -65,6 +67,7 @@ def check(
     events: str | None,
     baseline: Path | None,
     evidence: Path | None,
+    jobs: int | None,
     fail_on: str | None,
     selection: Selection,
     quiet: bool,
@@ -78,8 +81,8 @@ def check(
     Exit codes: 0 good, 1 an alarm (or warning, by --fail-on), 2 usage or configuration,
     3 a source that cannot be used, 4 no attitude could be compared.
     """
-    from gcs_bridge.cli.recorded_events import events_of, plan_events
-    from gcs_bridge.contract import readable
+    from gcs_bridge.cli.check_run import CheckTask, jobs_for, judged, judged_by_several, size_of
+    from gcs_bridge.cli.recorded_events import plan_events
     from gcs_bridge.evidence.place import Place
     from gcs_bridge.files import refuse_unwritable, write_file, write_stdout
     from gcs_bridge.report import Report, worst_exit_code
@@ -96,70 +99,75 @@ def check(
     place = None if evidence is None else Place(evidence, recordings)
     told = None if events is None else plan_events(events, recordings, others=outputs)
 
-    gc.disable()  # what is imported stays: looking for garbage in it again and again takes a tenth of the start
-    from gcs_bridge.recordings.check import check_file  # the heavy part, after everything that may be refused
-
-    gc.freeze()
-    gc.enable()
-
     pages = [output for output in outputs if (form or format_of(output)) == PAGE]
-    curves: dict[str, Curves] = {}
+    kept_curves: dict[str, Curves] = {}
     judged_by = selection.window() | verified
 
-    def judge(recording: Path, progress: ProgressBar) -> File:
-        with events_of(recording, told) as sinks:
-            if pages:
-                from gcs_bridge.pages.curves import Curves
+    def task_of(index: int, others: int = 0) -> CheckTask | None:
+        recording = recordings[index]
+        folder = None if place is None else place.folder(recording, others)
+        if place is not None and folder is None:
+            return None
+        kept: dict[str, Any] = {"events": events, "has_curves": bool(pages), "evidence": folder}
+        return CheckTask(recording=recording, settings=settings, judged_by=judged_by, **kept)
 
-                sinks.append(curves.setdefault(readable(str(recording)), Curves()))
-            if place is None:
-                return check_file(recording, settings, **judged_by, progress=progress, sinks=sinks)
-            from gcs_bridge.evidence.gather import Evidence
+    def one_after_the_other(progress: ProgressBar) -> Iterator[Judged]:
+        gc.disable()  # what is imported stays: looking for garbage in it again and again takes a tenth of the start
+        import_module("gcs_bridge.recordings.check")  # the heavy part, after everything that may be refused
+        gc.freeze()
+        gc.enable()
+        for index in range(len(recordings)):
+            task = task_of(index)
+            assert task is not None
+            yield judged(task, progress)
 
-            folder = place.folder(recording)
-            with Evidence(recording, folder, selection.dialect, **verified) as gathered:
-                entry = check_file(recording, settings, **judged_by, progress=progress, sinks=[gathered, *sinks])
-                count = gathered.complete(entry)
-            if not quiet:
-                complain(_evidence(recording, folder, count, gathered.left_out), kind="note")
-            return entry
-
-    judged: list[File] = []
-    sizes = [_size(recording) for recording in recordings]
+    entries: list[File] = []
+    sizes = [size_of(recording) for recording in recordings]
+    processes = 1 if verified["signing_key"] is not None else jobs_for(recordings, jobs)
     with ProgressBar(total_bytes=sum(sizes), enabled=not quiet) as progress:
         for failure in failures:
             complain(str(failure))
-        for recording, size in zip(recordings, sizes, strict=True):
-            try:
-                judged.append(judge(recording, progress))
-            except SourceError as failure:
-                failures.append(failure)
-                complain(str(failure))
+        if processes == 1:
+            results = one_after_the_other(progress)
+        else:
+            results = judged_by_several(len(recordings), task_of, processes, told)
+        for one, size in zip(results, sizes, strict=True):
+            if one.failure is not None:
+                failures.append(one.failure)
+                complain(str(one.failure))
+            if one.entry is not None:
+                entries.append(one.entry)
+            if one.entry is not None and one.curves is not None:
+                kept_curves[one.entry.path] = one.curves
+            if one.note is not None and not quiet:
+                complain(one.note, kind="note")
+            if place is not None:
+                place.taken(one.alarms)
             progress.file_done(size)
 
-    report = Report.of(judged)
+    report = Report.of(entries)
     known = NOTHING_KNOWN if before is None else known_from(report.files, before)
     if before is not None and not quiet:
-        raised = sum(len(vehicle.alarms) for entry in judged for vehicle in entry.vehicles)
+        raised = sum(len(vehicle.alarms) for entry in entries for vehicle in entry.vehicles)
         complain(f"{len(known.alarms)} of {raised} alarms and warnings are as in {baseline}", kind="note")
     asked = Asked(
         detail=verbose - quiet, fail_on=settings.check.fail_on, known=known, refused=tuple(map(str, failures))
     )
-    if pages and judged:
+    if pages and entries:
         from gcs_bridge.pages.files import write_pages
 
         for output in pages:
-            write_pages(output, report.files, curves, asked.refused)
+            write_pages(output, report.files, kept_curves, asked.refused)
     for output in outputs:
         written = form or format_of(output)
         if written == PAGE:
             continue
-        if judged or written in TELL_REFUSED:
+        if entries or written in TELL_REFUSED:
             write_file(FORMATS[written](report, asked), output)
     if outputs:
-        if judged and not quiet:
+        if entries and not quiet:
             click.echo(report.to_text(detail=-1), nl=False, err=True)
-    elif judged or form in TELL_REFUSED:
+    elif entries or form in TELL_REFUSED:
         result = FORMATS[form or "text"](report, asked)
         if told is not None and told.takes_stdout:
             click.echo(result, nl=False, err=True)
@@ -184,7 +192,7 @@ def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeEr
             Path(folder, name)
             for folder, _, names in os.walk(path, onerror=unreadable.append)
             for name in names
-            if name.lower().endswith(_FOUND) and os.path.isfile(Path(folder, name))
+            if name.lower().endswith(LOOKED_FOR) and os.path.isfile(Path(folder, name))
         )
         recordings = [one for file in inside for one in recordings_in(file)]
         found.update(dict.fromkeys(recordings))
@@ -194,20 +202,3 @@ def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeEr
                 SourceError(f"{path}: no recording in this folder (looked for {', '.join(READERS)}, {PACKED} of each)")
             )
     return list(found), failures
-
-
-def _evidence(recording: Path, folder: Folder, count: int, left_out: int) -> str:
-    """What there is evidence of, in one line."""
-    if not count:
-        earlier = f"; what lies in {folder.path} is of an earlier run" if folder.is_there else ""
-        why = f"no room for {left_out} alarms or warnings" if left_out else "nothing was raised"
-        return f"{recording}: {why}, so there is no evidence of it{earlier}"
-    more = f"; {left_out} more are left out" if left_out else ""
-    return f"{recording}: evidence of what was raised ({count}) is in {folder.path}{more}"
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:  # who reads it will tell
-        return 0

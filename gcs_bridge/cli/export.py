@@ -9,6 +9,7 @@ import click
 
 from gcs_bridge.cli.selection import Selection, selection_options
 from gcs_bridge.cli.terminal import ProgressBar, complain
+from gcs_bridge.errors import one_line
 
 if TYPE_CHECKING:  # loaded when there is something to write
     from gcs_bridge.exporting.writers import Writer
@@ -16,6 +17,7 @@ if TYPE_CHECKING:  # loaded when there is something to write
 __all__ = ["export"]
 
 _FORMATS = ("parquet", "csv", "mcap", "rrd")
+_MOST_NAMED = 5  # files
 _FRAMES = ("ned_frd", "enu_flu", "enu_rfu")
 
 
@@ -93,21 +95,33 @@ def _to_tables(
             entry = check_file(path, settings, **selected, progress=progress, sinks=[sink])
         if every:
             _write_messages(path, writer, sink.rows, selected)
-        writer.finish()
+        written = writer.finish()
     finally:
         writer.discard()
     if not quiet:
+        if older := _beside(written):
+            more = f" and {len(older) - _MOST_NAMED} more" if len(older) > _MOST_NAMED else ""
+            names = ", ".join(older[:_MOST_NAMED])
+            complain(f"{target}: there before, and not of this recording: {names}{more}", kind="note")
         rows = ", ".join(f"{count} {name}" for name, count in sink.rows.items()) or "no rows"
         complain(f"{target}: {rows}", kind="note")
     return 0 if any(map(sends_attitude, entry.vehicles)) else 4
+
+
+def _beside(written: list[Path]) -> list[str]:
+    """Files of the same kind in the same folder as tables that were written: others took them for theirs."""
+    if len(written) == 1:
+        return []
+    folder, suffix = written[0].parent, written[0].suffix
+    return sorted(one_line(path.name) for path in folder.glob(f"*{suffix}") if path not in written)
 
 
 def _write_messages(path: Path, writer: Writer, rows: dict[str, int], selected: dict[str, Any]) -> None:
     """Every message of a recording, by reading it once more."""
     from gcs_bridge.recordings.batches import iter_batches
 
-    times = {"start": selected["from_s"], "end": selected["to_s"]}
-    for batch in iter_batches(path, **times, sysid=selected["sysid"], dialect=selected["dialect"]):
+    same = {name: value for name, value in selected.items() if name not in ("from_s", "to_s")}
+    for batch in iter_batches(path, start=selected["from_s"], end=selected["to_s"], **same):
         writer.write(batch.message, batch.to_arrow())
         rows[batch.message] = rows.get(batch.message, 0) + len(batch)
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from gcs_bridge.cli.terminal import complain
 from gcs_bridge.errors import UsageError
-from gcs_bridge.files import refuse_unwritable, write_file
+from gcs_bridge.files import refuse_unwritable, write_file, write_stdout, writing
 from gcs_bridge.sinks.base import Plan, Sink, SinkContext
 from gcs_bridge.sinks.event_lines import EventLines
 
-__all__ = ["events_of", "plan_events"]
+__all__ = ["append_events", "events_of", "plan_events"]
 
 
 def plan_events(asked: str, recordings: Sequence[Path], *, others: Sequence[Path] = ()) -> Plan:
@@ -44,3 +45,17 @@ def events_of(recording: Path, plan: Plan | None) -> Iterator[list[Sink]]:
             sink.close()
         if sink.failed:
             raise UsageError(f"{plan.writes}: not all events could be written")
+
+
+def append_events(plan: Plan, kept: Path) -> None:
+    """Give a recording's events, which were written to a file of their own, to where all go; UsageError: it cannot be.
+
+    A recording that could not even be opened has no such file.
+    """
+    if not kept.exists():
+        return
+    if plan.writes is None:
+        write_stdout(kept.read_text(encoding="utf-8"))
+        return
+    with writing(plan.writes), kept.open("rb") as source, plan.writes.open("ab") as target:
+        shutil.copyfileobj(source, target)

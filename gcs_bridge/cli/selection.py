@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # loaded when there is something to judge
 
 __all__ = ["Selection", "selection_options", "settings_options"]
 
+_ROUNDS = 300_000
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
@@ -51,6 +52,21 @@ class Selection:
     def window(self) -> dict[str, Any]:
         """What of a recording is judged, as arguments of a `Monitor`."""
         return {"dialect": self.dialect, "sysid": self.sysid, "from_s": self.from_s, "to_s": self.to_s}
+
+    def digest(self) -> str:
+        """Of all that a judgement depends on beside the recording and this version: the same for the same, short."""
+        import hashlib
+
+        import msgspec
+
+        of_settings = msgspec.to_builtins(self.settings())
+        del of_settings["check"]  # how a run ends is no part of what is judged
+        key: str | None = None
+        if self.signing_key_file is not None:  # slowly: who reads the digest must not be able to try pass phrases
+            content = self.signing_key_file.read_bytes()
+            key = hashlib.pbkdf2_hmac("sha256", content, b"gcs-bridge settings", _ROUNDS).hex()
+        of_all = (of_settings, sorted(self.window().items()), self.unsigned, key)
+        return hashlib.blake2b(msgspec.json.encode(of_all, order="sorted"), digest_size=6).hexdigest()
 
     def verified(self) -> dict[str, Any]:
         """By which key frames are verified, as arguments of a `Monitor`. UsageError where it is none."""

@@ -17,7 +17,7 @@ from gcs_bridge.contract import Alarm
 from gcs_bridge.events import Event
 from gcs_bridge.evidence.frames import frames_of
 from gcs_bridge.evidence.place import Folder
-from gcs_bridge.evidence.summary import summary
+from gcs_bridge.evidence.summary import DRAWN, summary
 from gcs_bridge.evidence.tables import tables_of
 from gcs_bridge.files import writing
 from gcs_bridge.judging.alarm_windows import AlarmWindow, AlarmWindows
@@ -28,7 +28,7 @@ from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.report.schema import File, Vehicle
 from gcs_bridge.sinks.base import Sink
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.viewer.moment import save_moment
+from gcs_bridge.viewer.open import is_installed
 
 __all__ = ["Evidence"]
 
@@ -114,7 +114,10 @@ class Evidence(Sink):
                 tables = tables_of(moment)
                 for name, table in tables.items():
                     _save(table, path / f"{name}.parquet")
-                save_moment(moment, f"{self._folder.path.name} {moment.alarm.id}", path / "moment.rrd")
+                if is_installed():
+                    from gcs_bridge.viewer.moment import save_moment
+
+                    save_moment(moment, f"{self._folder.path.name} {moment.alarm.id}", path / DRAWN)
             rows = {name: len(table) for name, table in tables.items()}
             about = (moment.vehicle, moment.alarm.id, (moment.first, moment.end), moment.events)
             self._written.append(_Written(path, *about, rows))
@@ -130,7 +133,8 @@ class Evidence(Sink):
     def _sum_up(self, entry: File, written: _Written) -> dict[str, Any]:
         """Write an alarm's summary; its entry in the index."""
         vehicle, alarm = _alarm_of(entry, written)
-        page = summary(entry.path, vehicle, alarm, written.rows, written.events)
+        drawn = (written.path / DRAWN).exists()
+        page = summary(entry.path, vehicle, alarm, written.rows, written.events, drawn=drawn)
         (written.path / "summary.md").write_text(page, encoding="utf-8")
         return {"folder": written.path.name, "vehicle": list(written.vehicle.address), **asdict(alarm)}
 

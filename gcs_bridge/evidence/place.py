@@ -31,16 +31,18 @@ class Place:
         except OSError as error:  # it may not even be looked at
             raise UsageError(f"cannot write {path}: {error.strerror}") from None
 
-    def folder(self, recording: Path) -> Folder:
-        """Where the evidence of one of the recordings goes."""
-        return Folder(self._folders[recording], self)
+    def folder(self, recording: Path, others: int = 0) -> Folder | None:
+        """Where the evidence of one of the recordings goes, while that of so many others is not `taken` yet.
 
-    def take_room(self) -> bool:
-        """Whether there is room for one alarm more, which is taken then."""
-        if self._room:
-            self._room -= 1
-            return True
-        return False
+        None where there may be too little room for all of them: how much it has is known once they are done.
+        """
+        if others and self._room < _MOST * (others + 1):
+            return None
+        return Folder(self._folders[recording], min(self._room, _MOST))
+
+    def taken(self, alarms: int) -> None:
+        """Of a recording that is done, there is evidence of so many alarms."""
+        self._room -= alarms
 
     def _refuse(self) -> None:
         if str(self._path) != str(self._path).encode("utf-8", "replace").decode():
@@ -58,13 +60,16 @@ class Place:
 class Folder:
     """One recording's folder. It grows under another name, and replaces an earlier one as a whole."""
 
-    def __init__(self, path: Path, place: Place) -> None:
-        """Touch nothing yet."""
+    def __init__(self, path: Path, room: int) -> None:
+        """Touch nothing yet; there is room for so many alarms."""
         self.path = path
         self.left_out = 0  # alarms for which there was no room
-        self._place = place
+        self._room = room
         self._count = 0
-        self._growing = path.with_name(f".{path.name}.{os.getpid()}.partial")
+
+    @property
+    def _growing(self) -> Path:
+        return self.path.with_name(f".{self.path.name}.{os.getpid()}.partial")
 
     @property
     def is_there(self) -> bool:
@@ -73,7 +78,7 @@ class Folder:
 
     def new(self, name: str) -> Path | None:
         """A new folder in it for an alarm, None where there is no room left."""
-        if self._count == _MOST or not self._place.take_room():
+        if self._count == self._room:
             self.left_out += 1
             return None
         self._count += 1

@@ -11,8 +11,10 @@ from gcs_bridge.report.schema import Vehicle
 from gcs_bridge.report.verdicts import LABELS
 from gcs_bridge.report.wording import difference, quantity
 
-__all__ = ["summary"]
+__all__ = ["DRAWN", "summary"]
 
+DRAWN = "moment.rrd"
+"""The file for the viewer, where there is one."""
 _HOLDS = {
     "attitude": "`ATTITUDE` as sent, and with what the firmware does on purpose undone (`q_nb_undone_…`)",
     "attitude_quaternion": "`ATTITUDE_QUATERNION` as sent, never normalised, and the angles that it means",
@@ -25,13 +27,24 @@ _HOLDS = {
 }
 
 
-def summary(recording: str, vehicle: Vehicle, alarm: Alarm, rows: Mapping[str, int], events: Iterable[Event]) -> str:
-    """The page, as Markdown. `alarm` is the report's entry, `rows` how many each table has, `events` the moment's."""
-    return "\n".join(_lines(recording, vehicle, alarm, rows, list(events))) + "\n"
+def summary(
+    recording: str,
+    vehicle: Vehicle,
+    alarm: Alarm,
+    rows: Mapping[str, int],
+    events: Iterable[Event],
+    *,
+    drawn: bool,
+) -> str:
+    """The page, as Markdown. `alarm` is the report's entry, `rows` how many each table has, `events` the moment's.
+
+    `drawn`: the moment is there to be looked at.
+    """
+    return "\n".join(_lines(recording, vehicle, alarm, rows, list(events), drawn)) + "\n"
 
 
 def _lines(
-    recording: str, vehicle: Vehicle, alarm: Alarm, rows: Mapping[str, int], events: list[Event]
+    recording: str, vehicle: Vehicle, alarm: Alarm, rows: Mapping[str, int], events: list[Event], drawn: bool
 ) -> Iterator[str]:
     yield f"# {LABELS[alarm.severity]}: {difference(alarm)}"
     yield ""
@@ -46,13 +59,15 @@ def _lines(
     yield "| --- | --- | --- |"
     for name, count in rows.items():
         yield f"| `{name}.parquet` | {count} | {_HOLDS[name]} |"
-    yield "| `moment.rrd` | | both attitudes, their disagreement, the events: a 3D view and plots |"
+    if drawn:
+        yield f"| `{DRAWN}` | | both attitudes, their disagreement, the events: a 3D view and plots |"
     yield ""
     yield "Angles in columns that end in `_rad` are radians, in `_deg` degrees; `_nb` turns body axes (forward, right,"
     yield "down) to north, east, down; `_b` is in body axes. `frame` is the same number in every table. To look:"
     yield ""
     yield "```sh"
-    yield "rerun moment.rrd"
+    if drawn:
+        yield f"rerun {DRAWN}"
     first = next(iter(rows))
     yield f"python -c 'import pandas; print(pandas.read_parquet(\"{first}.parquet\"))'"
     if "pairs" in rows:

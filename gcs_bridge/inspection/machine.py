@@ -9,7 +9,7 @@ import subprocess
 import sys
 import sysconfig
 from collections.abc import Callable
-from importlib import import_module, metadata, util
+from importlib import import_module, metadata
 from pathlib import Path
 
 from gcs_bridge import cache
@@ -57,9 +57,9 @@ def _kernels() -> MachinePart:
 
 
 def _viewer() -> MachinePart:
-    from gcs_bridge.viewer.open import has_display
+    from gcs_bridge.viewer.open import has_display, is_installed
 
-    if util.find_spec("rerun") is None:
+    if not is_installed():
         again = f"{Path(sys.executable).name} -m pip install rerun-sdk"
         return MachinePart(state="mend", text="rerun is not installed", command=again)
     shown = "a window opens" if has_display() else "no display here: a page for the browser is served"

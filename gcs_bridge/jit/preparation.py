@@ -19,6 +19,13 @@ if TYPE_CHECKING:
 _MANY = 4  # kernels that are worth another process, which takes a second to begin
 _PATIENCE_S = 60.0  # so long somebody else may compile a kernel; then it is compiled here too
 _LOOK_AGAIN_S = 0.05
+_others_tell = False
+
+
+def let_others_tell() -> None:
+    """Of several processes that begin at once this one says nothing, as another does."""
+    global _others_tell  # noqa: PLW0603  # of the process, as standard error is
+    _others_tell = True
 
 
 def prepare(*packages: str) -> None:
@@ -57,6 +64,9 @@ def _compiled(missing: Sequence[Kernel]) -> Iterator[Kernel]:
 @contextmanager
 def _told(count: int) -> Iterator[Callable[[int], None]]:
     """Say that so many kernels are compiled; on a terminal a line that goes again, which is told how many are done."""
+    if _others_tell:
+        yield lambda _: None
+        return
     what = "gcs-bridge: compiling its kernels, once on this machine"
     if not sys.stderr.isatty():
         sys.stderr.write(f"{what} (some seconds)\n")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from gcs_bridge import attitude
-from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.columns import Columns, Floats, Int64s, Mask, last_where, record
 from gcs_bridge.pairing.references import ImuWithAttitude
 
@@ -44,39 +43,20 @@ class MotionSamples(Columns):
 class MotionTracker:
     """The motion of one vehicle within one boot."""
 
-    def __init__(self, hold_us: int = 0) -> None:
-        """Start before the boot's first sample.
-
-        `hold_us`: let samples gather for so long before working on them; a few cost as much as a hundred.
-        """
-        self._hold_us = hold_us
-        self._worked_us = -1
-        self._now_us = -1
-        self._held: list[ImuWithAttitude] = []
+    def __init__(self) -> None:
+        """Start before the boot's first sample."""
         self._latest_us: int | None = None
         self._watch = attitude.RestWatch()
         self._reckoner = attitude.DeadReckoner()
         self._rested = False  # and no gap has come since
 
-    def feed(self, batch: CheckBatch) -> MotionSamples | None:
-        """The motion at inertial samples, of this batch and before, that an attitude has come behind; None: at none.
+    def feed(self, seen: ImuWithAttitude) -> MotionSamples | None:
+        """The motion at the next inertial samples; None: at none.
 
         Samples without a meaning, or not later than one before them, are left out.
         """
-        if len(batch.imu_with_attitude):
-            self._held.append(batch.imu_with_attitude)
-            self._now_us = int(batch.imu_with_attitude.t_boot_us[-1])
-        if abs(self._now_us - self._worked_us) < self._hold_us:
+        if not len(seen):
             return None
-        self._worked_us = self._now_us
-        return self.flush()
-
-    def flush(self) -> MotionSamples | None:
-        """The same for all that was held."""
-        if not self._held:
-            return None
-        seen = ImuWithAttitude.joined(self._held)
-        self._held = []
         f_b = attitude.rotate(attitude.quaternion_from_rotvec(seen.trim_b_rad), seen.f_b_m_s2)
         usable = np.isfinite(f_b).all(axis=1)
         return self._moved(seen[usable], f_b[usable]) if usable.any() else None

@@ -181,4 +181,10 @@ def _clean_before(kept: list[SentBatch], onset_us: int) -> bool:
         t_us = pairs.t_boot_us
         apart_rad.append(pairs.apart_rad[pairs.same_instant & (t_us < onset_us) & (t_us >= onset_us - _CLEAN_US)])
     known = np.concatenate(apart_rad) if apart_rad else np.empty(0)
-    return len(known) >= _CLEAN_PAIRS and float(np.median(known)) < _CLEAN_RAD
+    return len(known) >= _CLEAN_PAIRS and _median(known) < _CLEAN_RAD
+
+
+def _median(values: Floats) -> float:
+    """The median of at least one value; numpy's own, the first time, loads what takes longer than the whole answer."""
+    ordered = np.sort(values)
+    return float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2.0

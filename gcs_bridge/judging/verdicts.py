@@ -129,6 +129,7 @@ class Verdicts:
             **numbers,
             lag_ms=known(self._euler_quaternion.lag_ms) if check is self._euler_quaternion else None,
             explained_by=tuple(explained_by),
+            bias=check.bias,
         )
 
     def _reason(self, check: Check, verdict: schema.CheckVerdict, reader: VehicleReader) -> str:

@@ -5,7 +5,7 @@ For who is offered files of every kind. What it does not know may still be MAVLi
 
 from __future__ import annotations
 
-__all__ = ["looks_like_mavlink"]
+__all__ = ["frame_end", "holds", "looks_like_mavlink"]
 
 _MAGICS = (0xFE, 0xFD)
 _RECORD_TIME = 8  # bytes before each frame of a .tlog: microseconds since 1970, big-endian
@@ -23,7 +23,7 @@ def looks_like_mavlink(data: bytes) -> bool:
         for apart in (_RECORD_TIME, 0):
             if row := _row(data, at, apart):
                 tried += 1
-                if all(_holds(data, begin, end) for begin, end in row):
+                if all(holds(data, begin, end) for begin, end in row):
                     return True
         if tried >= _MOST_TRIED:
             return False
@@ -36,7 +36,7 @@ def _row(data: bytes, at: int, apart: int) -> list[tuple[int, int]]:
     while len(row) < _IN_A_ROW:
         if apart and not 0 < int.from_bytes(data[max(at - apart, 0) : at], "big") < _LATEST_US:
             return []
-        end = _end(data, at)
+        end = frame_end(data, at)
         if end is None:
             return []
         row.append((at, end))
@@ -44,8 +44,8 @@ def _row(data: bytes, at: int, apart: int) -> list[tuple[int, int]]:
     return row
 
 
-def _end(data: bytes, at: int) -> int | None:
-    """Where a frame ends that begins at `at`; None: there is none, or not all of it."""
+def frame_end(data: bytes, at: int) -> int | None:
+    """Where a frame of either version ends that begins at `at`; None: there is none, or not all of it."""
     if at + 3 > len(data) or data[at] not in _MAGICS:
         return None
     size = 8 if data[at] == 0xFE else 25 if data[at + 2] & 1 else 12
@@ -53,7 +53,7 @@ def _end(data: bytes, at: int) -> int | None:
     return end if end <= len(data) else None
 
 
-def _holds(data: bytes, at: int, end: int) -> bool:
+def holds(data: bytes, at: int, end: int) -> bool:
     """Whether its checksum holds for some message: each adds a byte of its own, so of others one in 256 does."""
     signed = data[at] == 0xFD and data[at + 2] & 1
     stop = end - (15 if signed else 2)

@@ -12,7 +12,7 @@ from gcs_bridge.pages.curves import Curves
 from gcs_bridge.pages.page import overview, page
 from gcs_bridge.report.schema import File
 
-__all__ = ["write_pages"]
+__all__ = ["page_name", "write_pages"]
 
 
 def write_pages(output: Path, entries: Sequence[File], curves: Mapping[str, Curves], refused: Sequence[str]) -> None:
@@ -31,12 +31,17 @@ def write_pages(output: Path, entries: Sequence[File], curves: Mapping[str, Curv
     write_file(overview(entries, links, refused), output)
 
 
+def page_name(path: str) -> str:
+    """How the page of the recording at a path is called, without an ending: any file system can have that."""
+    return re.sub(r"[^\w.-]+", "_", PurePath(path).name).strip("._") or "recording"
+
+
 def _names(entries: Sequence[File]) -> list[str]:
     """A file name for each, no two alike on any file system."""
     names: list[str] = []
     taken: set[str] = set()
     for entry in entries:
-        stem = re.sub(r"[^\w.-]+", "_", PurePath(entry.path).name).strip("._") or "recording"
+        stem = page_name(entry.path)
         name, n = stem, 1
         while name.lower() in taken:
             n += 1

@@ -5,22 +5,19 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from functools import cache
-from importlib import resources
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from gcs_bridge._version import __version__
 from gcs_bridge.columns import Floats, Int64s
-from gcs_bridge.errors import one_line
 from gcs_bridge.pages.curves import BootCurves, Curves
 from gcs_bridge.pages.moment import drawn
+from gcs_bridge.pages.templates import asset, template
 from gcs_bridge.report import text
-from gcs_bridge.report.rows import counted, in_bytes, in_percent, in_seconds
+from gcs_bridge.report.rows import in_percent
 from gcs_bridge.report.schema import Check, File, Vehicle
-from gcs_bridge.report.verdicts import LABELS, UNJUDGED, worst_verdict
+from gcs_bridge.report.verdicts import UNJUDGED, worst_verdict
 from gcs_bridge.report.wording import difference, quantity
 
 __all__ = ["overview", "page"]
@@ -34,7 +31,7 @@ def page(entry: File, curves: Curves, *, back: str = "") -> str:
         {"id": f"{vehicle.sysid}-{vehicle.compid}-{index}", **_plotted(boot), "alarms": _spans(vehicle, index)}
         for vehicle, index, boot in _boots(entry, curves)
     ]
-    return _template("recording.html").render(
+    return template("recording.html").render(
         entry=entry,
         back=back,
         version=__version__,
@@ -42,8 +39,8 @@ def page(entry: File, curves: Curves, *, back: str = "") -> str:
         salvage=text.salvage_line(entry.salvage),
         vehicles=[_vehicle(vehicle, entry, curves) for vehicle in entry.vehicles],
         data=_embedded(data),
-        script=_asset("uPlot.min.js") + _asset("page.js"),
-        style=_asset("uPlot.min.css") + _asset("page.css"),
+        script=asset("uPlot.min.js") + asset("page.js"),
+        style=asset("uPlot.min.css") + asset("page.css"),
     )
 
 
@@ -54,8 +51,8 @@ def overview(entries: Sequence[File], links: Sequence[str], refused: Sequence[st
         {"entry": entry, "link": link, "summary": text.summary(entry)}
         for entry, link in zip(entries, links, strict=True)
     ]
-    return _template("overview.html").render(
-        verdict=verdict, rows=rows, refused=refused, version=__version__, style=_asset("page.css")
+    return template("overview.html").render(
+        verdict=verdict, rows=rows, refused=refused, version=__version__, style=asset("page.css")
     )
 
 
@@ -147,30 +144,3 @@ def _columns(t_us: Int64s, values: Floats, digits: int) -> list[list[float | Non
 def _embedded(data: Any) -> str:
     """JSON that cannot end the element that it stands in."""
     return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-
-
-def _asset(name: str) -> str:
-    return (resources.files("gcs_bridge.pages") / "assets" / name).read_text(encoding="utf-8")
-
-
-@cache
-def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_asset),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        "label": LABELS.__getitem__,
-        "flat": one_line,
-        "bytes": in_bytes,
-        "seconds": in_seconds,
-        "number": counted,
-    }
-    return environment
-
-
-def _template(name: str) -> jinja2.Template:
-    return _environment().get_template(name)

@@ -17,6 +17,7 @@ from gcs_bridge.mavlink.decode import decode
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scanner import Scanned, Scanner
 from gcs_bridge.mavlink.secrets import KEY_MESSAGES
+from gcs_bridge.mavlink.signing import Signing, SigningKey, Unsigned
 from gcs_bridge.recordings.ahead import scanned_ahead
 from gcs_bridge.recordings.open import open_recording
 
@@ -64,20 +65,23 @@ def iter_batches(
     end: float | None = None,
     sysid: int | None = None,
     dialect: str = "all",
+    signing_key: bytes | SigningKey | None = None,
+    unsigned: Unsigned | None = None,
 ) -> Iterator[MessageBatch]:
     """The messages of a recording, a batch for each kind and sender of each piece that is read.
 
     `messages` by name, one or several, None: all that the dialect knows, but those that carry signing keys. `start` and
-    `end` in seconds after the recording's start; `sysid` that system alone. Damage and duplicates are passed over.
-    Raises SourceError where the file cannot be used, UsageError for an unknown message or dialect, and for times of a
-    recording that has none.
+    `end` in seconds after the recording's start; `sysid` that system alone. Damage and duplicates are passed over, and
+    with `unsigned="reject"` frames that no `signing_key` signed: key and `unsigned` as of a `Monitor`.
+    Raises SourceError where the file cannot be used, UsageError for an unknown message or dialect, no key, and for
+    times of a recording that has none.
     """
     known = open_dialect(dialect)
     wanted = None if messages is None else (messages,) if isinstance(messages, str) else tuple(messages)
     for name in wanted or ():
         if name not in known:
             raise UsageError(f"no message {name!r} in dialect {dialect}")
-    return _batches(Path(path), wanted, known, start, end, sysid)
+    return _batches(Path(path), wanted, known, start, end, sysid, Signing.of(signing_key, unsigned))
 
 
 def _batches(
@@ -87,6 +91,7 @@ def _batches(
     start_s: float | None,
     end_s: float | None,
     sysid: int | None,
+    signing: Signing | None,
 ) -> Iterator[MessageBatch]:
     ids = None if wanted is None else np.array([dialect[name].msgid for name in wanted], np.int32)
     secret = np.array([dialect[name].msgid for name in KEY_MESSAGES if name in dialect], np.int32)
@@ -97,7 +102,7 @@ def _batches(
         first_us = zero_us + round((start_s or 0.0) * 1e6)
         last_us = np.inf if end_s is None else zero_us + round(end_s * 1e6)
         count = 0
-        for scanned in scanned_ahead(source, Scanner(dialect, timed=source.timed)):
+        for scanned in scanned_ahead(source, Scanner(dialect, timed=source.timed, signing=signing)):
             frames = scanned.frames
             frame_index = count + np.arange(len(frames))
             count += len(frames)

@@ -12,10 +12,10 @@ from typing import Any, BinaryIO, NamedTuple
 
 import dpkt
 
+from gcs_bridge.mavlink.likeness import frame_end, holds
+
 __all__ = ["flows", "write_records"]
 
-_V1, _V2 = 0xFE, 0xFD
-_SIGNED = 0x01
 _END_OF_TIME_US = 2**63  # a damaged time reads as 0, as in a .tlog
 _PCAPNG = b"\x0a\x0d\x0d\x0a"
 _RAW_IP = (12, 14, 101)  # link types of packets that begin with IP
@@ -45,17 +45,27 @@ def flows(file: BinaryIO) -> list[str]:
     found: dict[str, bool] = {}
     for datagram in _datagrams(file, _Passed()):
         if not found.get(datagram.flow):
-            found[datagram.flow] = bool(datagram.data) and all(whole for _, whole in split(datagram.data))
+            found[datagram.flow] = _is_mavlink(datagram.data)
     return [flow for flow, has_frames in found.items() if has_frames]
 
 
-def write_records(file: BinaryIO, flow: str, into: BinaryIO) -> list[str]:
-    """Write a flow's datagrams as a .tlog: frame by frame, each with its time. Returns what there is to say of it."""
+def write_records(file: BinaryIO, flow: str | None, into: BinaryIO) -> tuple[list[str], list[str]]:
+    """Write a flow as a .tlog, frame by frame, each with its time: the one that is called so, or the first of MAVLink.
+
+    Returns the flows that carry MAVLink, and what there is to say of the capture. A flow begins with its first datagram
+    of whole frames. ValueError for what is no capture.
+    """
     passed = _Passed()
+    found: dict[str, bool] = {}
     for datagram in _datagrams(file, passed):
+        if not found.get(datagram.flow):
+            found[datagram.flow] = is_one = _is_mavlink(datagram.data)
+            if not is_one:
+                continue
+            flow = flow or datagram.flow
         if datagram.flow == flow:
             stamp = struct.pack(">Q", datagram.t_us)
-            into.writelines(stamp + data for data, _ in split(datagram.data))
+            into.writelines(stamp + piece for piece in _pieces(datagram.data))
     remarks = []
     if passed.fragments:
         remarks.append(f"{passed.fragments} fragments of larger datagrams in the capture were passed over")
@@ -63,34 +73,34 @@ def write_records(file: BinaryIO, flow: str, into: BinaryIO) -> list[str]:
         remarks.append(f"{passed.truncated} datagrams were not captured whole, and were passed over")
     if passed.cut_off:
         remarks.append("the capture is cut off; what lies before that is judged")
-    return remarks
+    return [name for name, has_frames in found.items() if has_frames], remarks
 
 
-def split(data: bytes) -> Iterator[tuple[bytes, bool]]:
-    """A datagram's frames, and what lies between them: each with whether it has a frame's shape."""
+def _is_mavlink(data: bytes) -> bool:
+    """Whether a datagram is frames and nothing else, their checksums such as MAVLink's are."""
+    at = 0
+    while at < len(data):
+        end = frame_end(data, at)
+        if end is None or not holds(data, at, end):
+            return False
+        at = end
+    return at > 0
+
+
+def _pieces(data: bytes) -> Iterator[bytes]:
+    """A datagram's frames by their shape, and what lies between them."""
     at = loose = 0
     while at < len(data):
-        size = _size_at(data, at)
-        if not size:
+        end = frame_end(data, at)
+        if end is None:
             at += 1
             continue
         if loose < at:
-            yield data[loose:at], False
-        yield data[at : at + size], True
-        at = loose = at + size
+            yield data[loose:at]
+        yield data[at:end]
+        at = loose = end
     if loose < len(data):
-        yield data[loose:], False
-
-
-def _size_at(data: bytes, at: int) -> int:
-    """How long the frame is that begins there, 0 if none does."""
-    if data[at] == _V1 and at + 2 <= len(data):
-        size = 8 + data[at + 1]
-    elif data[at] == _V2 and at + 3 <= len(data):
-        size = 12 + data[at + 1] + (13 if data[at + 2] & _SIGNED else 0)
-    else:
-        return 0
-    return size if at + size <= len(data) else 0
+        yield data[loose:]
 
 
 def _datagrams(file: BinaryIO, passed: _Passed) -> Iterator[_Datagram]:

@@ -17,12 +17,23 @@ from typing import IO, BinaryIO, NamedTuple
 from gcs_bridge.errors import SourceError, one_line
 from gcs_bridge.files import INSIDE, file_of
 
-__all__ = ["ARCHIVE", "PACKED", "STANDARD_INPUT", "SUFFIXES", "name_of", "recordings_in", "standard_input", "unpacked"]
+__all__ = [
+    "LOOKED_FOR",
+    "PACKED",
+    "STANDARD_INPUT",
+    "SUFFIXES",
+    "name_of",
+    "recordings_in",
+    "standard_input",
+    "unpacked",
+]
 
 SUFFIXES = (".tlog", ".raw", ".rlog", ".mavlink", ".pcap", ".pcapng")
 """Of recordings, in lower case."""
 PACKED, ARCHIVE = ".gz", ".zip"
 """What may follow any of them, and what may hold them."""
+LOOKED_FOR = (*SUFFIXES, *(suffix + PACKED for suffix in SUFFIXES), ARCHIVE)
+"""How the files end that are taken for recordings where a folder is searched."""
 STANDARD_INPUT = Path("-")
 _MOST_NAMED = 5
 _MOST_LAYERS = 8  # of packing: there are archives that hold themselves
@@ -173,15 +184,16 @@ def _members(file: BinaryIO, path: Path) -> list[str]:
 
 
 def _capture(file: BinaryIO, wanted: _Wanted) -> BinaryIO:
-    from gcs_bridge.recordings.capture import flows, write_records
+    from gcs_bridge.recordings.capture import write_records
 
-    try:
-        flow = _one_of(flows(file), wanted, "flow of MAVLink over UDP")
-        with _spool() as kept:
-            wanted.remarks.extend(write_records(file, flow, kept))
-            return kept
-    except ValueError as error:
-        raise SourceError(f"{wanted.path}: the capture cannot be read: {one_line(str(error))}") from None
+    with _spool() as kept:
+        try:
+            flows, remarks = write_records(file, wanted.inside, kept)
+        except ValueError as error:
+            raise SourceError(f"{wanted.path}: the capture cannot be read: {one_line(str(error))}") from None
+        _one_of(flows, wanted, "flow of MAVLink over UDP")
+        wanted.remarks.extend(remarks)
+        return kept
 
 
 def _one_of(names: list[str], wanted: _Wanted, what: str) -> str:

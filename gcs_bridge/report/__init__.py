@@ -19,7 +19,7 @@ from gcs_bridge.report.schema import File, Verdict
 from gcs_bridge.report.verdicts import EXIT_CODES, SCHEMA, compared, fails, sends_attitude, worst_verdict
 from gcs_bridge.settings import FailOn
 
-__all__ = ["Report", "worst_exit_code"]
+__all__ = ["Report", "all_compared", "worst_exit_code"]
 
 
 class Report(msgspec.Struct, frozen=True, kw_only=True):
@@ -57,7 +57,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
         if fail_on == "never":
             return 0
         return worst_exit_code(
-            1 if _has_failed(entry, fail_on, known) else 0 if _all_compared(entry, known) else 4 for entry in self.files
+            1 if _has_failed(entry, fail_on, known) else 0 if all_compared(entry, known) else 4 for entry in self.files
         )
 
 
@@ -73,7 +73,7 @@ def _has_failed(entry: File, fail_on: FailOn, known: Known) -> bool:
     return fails(entry.verdict, fail_on) and not as_before
 
 
-def _all_compared(entry: File, known: Known) -> bool:
+def all_compared(entry: File, known: Known = NOTHING_KNOWN) -> bool:
     """Whether there is an attitude, and each vehicle's was judged by something; or neither was so before."""
     flying = [vehicle for vehicle in entry.vehicles if sends_attitude(vehicle)]
     if not flying:

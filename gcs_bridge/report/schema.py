@@ -85,7 +85,7 @@ class EstimatorReset(Struct, frozen=True, kw_only=True):
     explained_by: Annotated[tuple[str, ...], Meta(description="what the vehicle said right before")]
 
 
-class Check(Struct, frozen=True, kw_only=True):
+class Check(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What one check found. `raw` is before, `residual` after the differences made on purpose were undone."""
 
     name: str
@@ -101,6 +101,12 @@ class Check(Struct, frozen=True, kw_only=True):
     heading: Distribution | None
     lag_ms: Annotated[float | None, Meta(description="above 0: the quaternion's stamp is late; null without motion")]
     explained_by: tuple[ExplainedBy, ...]
+    bias: Annotated[
+        tuple[float, float, float] | None,
+        Meta(
+            description="of the gyro in body axes, in `unit`, at the end: followed, not judged; absent in other checks"
+        ),
+    ] = None
 
 
 class Vehicle(Struct, frozen=True, kw_only=True):

@@ -31,6 +31,7 @@ __all__ = ["AlarmText"]
 
 _MOST = 6  # alarms that are written out
 _GONE = 2  # of them such that went
+_BREAK = "  \n"  # Markdown's: no room between the lines of one alarm
 
 
 class AlarmText:
@@ -67,7 +68,8 @@ class AlarmText:
     def _text(self) -> str:
         if not self._stand and not self._gone:
             return "No alarm."
-        standing = list(reversed(self._stand.values()))[:_MOST]
+        latest_first = list(reversed(self._stand.values()))
+        standing = sorted(latest_first, key=lambda alarm: self._found(alarm) is None)[:_MOST]  # what has a remedy first
         gone = self._gone[: max(_MOST - len(standing), 0)]
         return "\n\n".join([*map(self._alarm, standing), *map(self._alarm, gone)])
 
@@ -82,11 +84,14 @@ class AlarmText:
         elif isinstance(alarm, AlarmAcknowledged):
             since += ", acknowledged"
         lines = [f"**{label} {_plain(alarm.check or '')}**{since}: {_plain(difference(alarm))}"]
-        found = alarm.diagnosis or self._diagnoses.get(alarm.id)
+        found = self._found(alarm)
         if found is not None:
             causes = " or ".join(found.candidates or (found.cause,))
             lines += [f"**Cause**, {found.confidence}: {_plain(causes)}", f"**Do:** {_plain(found.fix)}"]
-        return "\n\n".join(lines)
+        return _BREAK.join(lines)
+
+    def _found(self, alarm: AlarmEvent) -> Diagnosis | None:
+        return alarm.diagnosis or self._diagnoses.get(alarm.id)
 
 
 def _plain(text: str) -> str:

@@ -7,9 +7,10 @@ from typing import Any
 import rerun as rr
 import rerun.blueprint as rrb
 
-__all__ = ["frame_below", "move_below", "path_below"]
+__all__ = ["FRAME", "frame_below", "move_below", "path_below"]
 
-_FRAME = "tf#/"  # rerun's name of an entity's own frame begins so
+FRAME = "tf#/"
+"""rerun's name of an entity's own frame is this, and then its path."""
 
 
 def path_below(prefix: str, path: str) -> str:
@@ -25,7 +26,7 @@ def frame_below(prefix: str, frame: rr.CoordinateFrame) -> rr.CoordinateFrame:
     """The same for an entity's frame, given by its name."""
     assert frame.frame is not None
     (name,) = frame.frame.as_arrow_array().to_pylist()
-    return rr.CoordinateFrame(f"{_FRAME}{path_below(prefix, name.removeprefix(_FRAME))}")
+    return rr.CoordinateFrame(f"{FRAME}{path_below(prefix, name.removeprefix(FRAME))}")
 
 
 def move_below(prefix: str, part: Any) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import rerun as rr
 
+from gcs_bridge.viewer.arrays import TimeColumn
 from gcs_bridge.viewer.below import frame_below, path_below
 from gcs_bridge.viewer.scene import UTC, boot_timeline
 from gcs_bridge.viewer.times import Aligned, Instant
@@ -48,7 +50,7 @@ class Drawing:
             archetype = frame_below(self._prefix, archetype)
         self._rec.log(path_below(self._prefix, path), archetype, static=static)
 
-    def send_columns(self, path: str, times: list[rr.TimeColumn], columns: rr.ComponentColumnList) -> None:
+    def send_columns(self, path: str, times: Sequence[TimeColumn], columns: Iterable[rr.ComponentColumn]) -> None:
         """Draw many rows at once."""
         self._rec.send_columns(path_below(self._prefix, path), times, columns)
 

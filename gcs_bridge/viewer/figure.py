@@ -6,17 +6,15 @@ change what is drawn.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from gcs_bridge import attitude
 from gcs_bridge.columns import Floats
-from gcs_bridge.judging.observation import Observation
-from gcs_bridge.pairing.references import ImuWithAttitude
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.telemetry.samples import Ahrs2Samples, AttitudeSamples, finite
+from gcs_bridge.telemetry.samples import AttitudeSamples, finite
 from gcs_bridge.viewer.rows import Rows
 from gcs_bridge.viewer.scene import (
     FIELD_M,
@@ -31,6 +29,7 @@ from gcs_bridge.viewer.scene import (
     source_parts,
     unturned_parts,
 )
+from gcs_bridge.viewer.stretch import Stretch, times_of
 from gcs_bridge.viewer.times import Times
 
 __all__ = ["Figure", "New", "as_displayed"]
@@ -66,35 +65,39 @@ class Figure:
             if self._ever_turned:
                 yield New(list(unturned_parts(self._key, self._place, self._type)))
 
-    def attitudes(self, source: Source, samples: AttitudeSamples) -> Iterator[New | Rows]:
-        """What comes with attitudes of a source: the airframe from the first one on, rates, the turn for displays."""
-        valid = samples.where(samples.valid)
-        if len(valid) and source not in self._known:
-            self._known.add(source)
-            yield New([*source_parts(self._key, source), *self._look(source)], frozenset({source}))
-        known = valid.where(finite(valid.w_nb_b_rad_s))
-        if len(known):
-            yield from self._named("rates", lambda: ())
-            arrows = RATE_M_PER_RAD_S * known.w_nb_b_rad_s
-            arrows *= MOST_RATE_M / np.maximum(np.linalg.norm(arrows, axis=1, keepdims=True), MOST_RATE_M)
-            yield Rows(_times(known), arrows={path_of(self._key, "body", source, "rates"): arrows})
-        yield from self._turn(samples)
+    def appears(self, stretch: Stretch) -> Iterator[New | Rows]:
+        """What comes with attitudes: the airframe from a source's first one on, and the turn for displays."""
+        for angles in stretch.angles:
+            if angles.source not in self._known:
+                self._known.add(angles.source)
+                parts = [*source_parts(self._key, angles.source), *self._look(angles.source)]
+                yield New(parts, frozenset({angles.source}))
+        for samples in stretch.sent.values():
+            yield from self._turn(samples)
 
-    def others(self, observations: Sequence[Observation]) -> Iterator[New | Rows]:
-        """The second estimate's attitudes, as sent; where the magnetic field points, by the attitude of its time."""
-        secondary = [one.flight.secondary for one in observations if len(one.flight.secondary)]
-        if secondary:
-            samples = Ahrs2Samples.joined(secondary)
-            samples = samples.where(samples.valid)
-            if len(samples):
-                yield from self._named("ahrs2", lambda: source_parts(self._key, "ahrs2"))
-                attitudes = {path_of(self._key, "body", "ahrs2"): attitude.xyzw_from_wxyz(samples.q_nb)}
-                yield Rows(_times(samples), attitudes=attitudes)
-        inertial = [one.flight.imu_with_attitude for one in observations if len(one.flight.imu_with_attitude)]
-        if inertial:
-            yield from self._field(observations[0].segment.boot, ImuWithAttitude.joined(inertial))
+    def second(self, stretch: Stretch) -> Iterator[New | Rows]:
+        """The second estimate's attitudes, as sent."""
+        samples = stretch.secondary
+        if samples is not None and len(samples := samples.where(samples.valid)):
+            yield from self._named("ahrs2", lambda: source_parts(self._key, "ahrs2"))
+            attitudes = {path_of(self._key, "body", "ahrs2"): attitude.xyzw_from_wxyz(samples.q_nb)}
+            yield Rows(times_of(samples), attitudes=attitudes)
 
-    def _field(self, boot: int, seen: ImuWithAttitude) -> Iterator[New | Rows]:
+    def arrows(self, stretch: Stretch) -> Iterator[New | Rows]:
+        """Body rates; where the magnetic field points, by the attitude of its time."""
+        for angles in stretch.angles:
+            known = angles.samples.where(finite(angles.samples.w_nb_b_rad_s))
+            if len(known):
+                yield from self._named("rates", lambda: ())
+                arrows = RATE_M_PER_RAD_S * known.w_nb_b_rad_s
+                arrows *= MOST_RATE_M / np.maximum(np.linalg.norm(arrows, axis=1, keepdims=True), MOST_RATE_M)
+                yield Rows(times_of(known), arrows={path_of(self._key, "body", angles.source, "rates"): arrows})
+        yield from self._field(stretch)
+
+    def _field(self, stretch: Stretch) -> Iterator[New | Rows]:
+        seen = stretch.seen
+        if seen is None:
+            return
         size = np.linalg.norm(seen.m_b_gauss, axis=1)
         measured = np.isfinite(size) & (size > 0)
         if not measured.any():
@@ -102,7 +105,7 @@ class Figure:
         yield from self._named("field", lambda: field_parts(self._key))
         m_b = attitude.rotate(attitude.quaternion_from_rotvec(seen.trim_b_rad), seen.m_b_gauss)[measured]
         m_n = attitude.rotate(attitude.normalise(seen.q_nb[measured]), m_b) / size[measured, None]
-        times = Times(boot=boot, t_boot_us=seen.t_boot_us[measured], t_rx_us=seen.t_rx_us[measured])
+        times = Times(boot=stretch.boot, t_boot_us=seen.t_boot_us[measured], t_rx_us=seen.t_rx_us[measured])
         yield Rows(times, arrows={path_of(self._key, "body", "field"): FIELD_M * m_n})
 
     def _named(self, name: Legend, parts: Callable[[], Iterable[Part]]) -> Iterator[New]:
@@ -131,7 +134,7 @@ class Figure:
             yield New(list(unturned_parts(self._key, self._place, self._type)))
         xyzw = attitude.xyzw_from_wxyz(asked[changes])
         for source in ("euler", "quaternion"):
-            yield Rows(_times(samples[changes]), {path_of(self._key, "body", source, "airframe"): xyzw})
+            yield Rows(times_of(samples[changes]), {path_of(self._key, "body", source, "airframe"): xyzw})
 
 
 def as_displayed(samples: AttitudeSamples) -> Floats:
@@ -145,7 +148,3 @@ def _asked(offsets: Floats) -> Floats:
     """The turns (n, 4) that a vehicle asks displays to make: none, where it sends no quaternion."""
     size = np.linalg.norm(offsets, axis=1)
     return np.where((size >= _LEAST_OFFSET)[:, None], attitude.normalise(offsets), _AS_IT_IS)
-
-
-def _times(samples: AttitudeSamples) -> Times:
-    return Times(boot=int(samples.boot[0]), t_boot_us=samples.t_boot_us, t_rx_us=samples.t_rx_us)

@@ -109,7 +109,7 @@ def _alone(key: VehicleId, timeline: str, plots: _Plots, scene: _Part, *, moves:
         rrb.Horizontal(*columns),
         plots.disagreement(key),
         _events([key], timeline),
-        row_shares=[5.4, 2.8, 2.4],
+        row_shares=[5.2, 2.6, 2.8],
     )
     return rrb.Horizontal(left, right, column_shares=[5, 7])
 
@@ -118,7 +118,7 @@ def _fleet(vehicles: Mapping[VehicleId, bool], timeline: str, plots: _Plots, sce
     """None, or several: what each comes to on the left, its numbers in a column of its own."""
     states = plots.states([f"+ /{path_of(key, 'state')}" for key in vehicles], "Attitude is …")
     share = 0.7 + 0.5 * min(len(vehicles), 6)
-    left = rrb.Vertical(scene, states, _events(list(vehicles), timeline), row_shares=[5, share, 2.4])
+    left = rrb.Vertical(scene, states, _events(list(vehicles), timeline), row_shares=[5.6, share, 2.4])
     columns: list[rrb.Container] = []
     for key, moves in vehicles.items():
         prefix = f"{key.name} "

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.judging.dead_reckoning import MotionSamples, MotionTracker
+from gcs_bridge.judging.dead_reckoning import MotionTracker
+from gcs_bridge.pairing.references import ImuWithAttitude
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.viewer.rows import PLOT_HOLD_US, Rows, broken_at_wraps
+from gcs_bridge.viewer.rows import Rows, broken_at_wraps
 from gcs_bridge.viewer.scene import DOWN_M, MOTION, path_of
 from gcs_bridge.viewer.times import Times
 
@@ -24,18 +24,12 @@ class MotionLines:
         self.boot = boot
         self._paths = [path_of(key, "motion", name) for name in MOTION]
         self._arrow = path_of(key, "body", "down", "accelerometer")
-        self._tracker = MotionTracker(PLOT_HOLD_US)
+        self._tracker = MotionTracker()
         self._heading_deg = np.nan  # the last one drawn
 
-    def feed(self, flight: CheckBatch) -> Iterator[Rows]:
-        """What a batch adds."""
-        return self._rows(self._tracker.feed(flight))
-
-    def flush(self) -> Iterator[Rows]:
-        """What was held for more to come."""
-        return self._rows(self._tracker.flush())
-
-    def _rows(self, moved: MotionSamples | None) -> Iterator[Rows]:
+    def feed(self, seen: ImuWithAttitude) -> Iterator[Rows]:
+        """What inertial samples add."""
+        moved = self._tracker.feed(seen)
         if moved is None:
             return
         times = Times(boot=self.boot, t_boot_us=moved.t_boot_us, t_rx_us=moved.t_rx_us)

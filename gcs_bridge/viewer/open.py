@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
+from importlib import util
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,10 @@ from gcs_bridge.viewer.base import Say, Viewer, ViewerOptions, ViewerSpec
 if TYPE_CHECKING:
     from gcs_bridge.sinks.base import Sink, SinkContext
 
-__all__ = ["OPENERS", "open_viewer", "plan_viewer"]
+__all__ = ["INSTALL", "OPENERS", "has_display", "is_installed", "open_viewer", "plan_viewer"]
+
+INSTALL = "pip install rerun-sdk"
+"""What brings the viewer where it was left out: it takes half of the room of all that is installed with it."""
 
 
 def open_viewer(
@@ -32,10 +36,13 @@ def open_viewer(
 ) -> Viewer:
     """Open a viewer; it never waits for one to come. The arguments are those of `ViewerOptions`.
 
-    Raises UsageError where there is no display for `native`, no port, or the file cannot be written.
+    Raises UsageError where there is no display for `native`, no port, or the file cannot be written; where rerun is not
+    installed, unless something live goes on without a picture as well.
     """
     spec = spec if isinstance(spec, ViewerSpec) else ViewerSpec.parse(spec)
     options = ViewerOptions(say=say, sources=sources, live=live, server_memory_limit=server_memory_limit)
+    if not is_installed() and spec.kind != "none" and not (spec.kind == "auto" and live):
+        raise UsageError(f"--viewer {spec.kind}: rerun is not installed: {INSTALL}")
     return OPENERS[spec.kind](spec, options)
 
 
@@ -50,6 +57,11 @@ def plan_viewer(text: str) -> Plan | None:
     return None if spec.kind == "none" else Plan(open_sink)
 
 
+def is_installed() -> bool:
+    """Whether there is a viewer at all; asked without loading it."""
+    return util.find_spec("rerun") is not None
+
+
 def has_display() -> bool:
     """Whether a window can be opened; without a display, the viewer's start would hang instead of failing."""
     if sys.platform in ("darwin", "win32"):
@@ -58,6 +70,9 @@ def has_display() -> bool:
 
 
 def _auto(spec: ViewerSpec, options: ViewerOptions) -> Viewer:
+    if not is_installed():
+        options.say(f"no picture: rerun is not installed: {INSTALL}")
+        return Viewer()
     return _native(spec, options) if has_display() else _web(spec, options, why="no display here; ")
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import rerun as rr
 
 from gcs_bridge.checks.euler_quaternion import Disagreement
-from gcs_bridge.columns import Floats
 from gcs_bridge.events import Event
-from gcs_bridge.judging.observation import Observation
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.alarm_text import AlarmText
 from gcs_bridge.viewer.angles import AngleLines, angle_parts
@@ -20,7 +18,8 @@ from gcs_bridge.viewer.palette import Colour
 from gcs_bridge.viewer.rows import Rows, Shown
 from gcs_bridge.viewer.scene import DISAGREEMENT, Part, path_of
 from gcs_bridge.viewer.streams import StreamLines, rate_rows, stream_parts
-from gcs_bridge.viewer.times import Times, pair_times
+from gcs_bridge.viewer.stretch import Stretch
+from gcs_bridge.viewer.times import Times
 
 __all__ = ["LEAST_POWER", "Panels", "panel_parts"]
 
@@ -56,31 +55,30 @@ class Panels:
         self._alarms = AlarmText(key)
         self._streams = StreamLines(key)
 
-    def turn(self, source: str, times: Times, rpy_rad: Floats) -> Iterator[Rows]:
-        """What attitudes of `source`, "euler" or "quaternion", add: angles (n, 3)."""
-        rpy_deg = np.degrees(rpy_rad)
-        yield from self._angles.feed(source, times, rpy_deg)
-        yield from self._horizon.feed(source, times, rpy_deg)
+    def indicate(self, stretch: Stretch) -> Iterator[Rows]:
+        """What attitudes add to the indicator."""
+        for angles in stretch.angles:
+            yield from self._horizon.feed(angles.source, angles.times, np.degrees(angles.rpy_rad))
 
-    def compare(self, observations: Sequence[Observation]) -> Iterator[Rows]:
-        """What pairs add, of at least one batch of one boot: the disagreement, in degrees and as powers of ten.
+    def plot(self, stretch: Stretch) -> Iterator[Rows | Shown]:
+        """What else is added: lines and lanes."""
+        for angles in stretch.angles:
+            yield from self._angles.feed(angles.source, angles.times, np.degrees(angles.rpy_rad))
+        if stretch.compared is not None:
+            yield self._apart(*stretch.compared)
+        for one in stretch.observations:
+            yield from self._lanes.observe(one)
+        yield from self._streams.feed(stretch.segment)
+        yield from rate_rows(self._key, stretch)
 
-        What could not be judged is left open, not drawn as a value.
-        """
-        found = Disagreement.joined([one.disagreement for one in observations])
-        times = Times.joined([pair_times(one) for one in observations])
+    def _apart(self, times: Times, found: Disagreement) -> Rows:
+        """The disagreement, in degrees and as powers of ten. What could not be judged is left open, not a value."""
         values = {name: np.where(found.judged, getattr(found, name), np.nan) for name in ("angle", "tilt", "heading")}
         values["limit"] = found.limit
         degrees = np.degrees([values[name] for name in DISAGREEMENT]).T
         powers = np.log10(np.maximum(np.abs(degrees), 10.0**LEAST_POWER))
         paths = (path_of(self._key, name) for name in ("disagreement", "disagreement_power"))
-        yield Rows(times, numbers=dict(zip(paths, (degrees, powers), strict=True)))
-
-    def observe(self, observation: Observation) -> Iterator[Rows | Shown]:
-        """What else a batch adds."""
-        yield from self._lanes.observe(observation)
-        yield from self._streams.feed(observation.segment)
-        yield from rate_rows(self._key, observation)
+        return Rows(times, numbers=dict(zip(paths, (degrees, powers), strict=True)))
 
     def hear(self, event: Event) -> Iterator[Shown]:
         """An event of the vehicle."""

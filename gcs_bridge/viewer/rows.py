@@ -11,16 +11,16 @@ import numpy.typing as npt
 import rerun as rr
 
 from gcs_bridge.columns import Floats
+from gcs_bridge.columns import Rows as Picked
+from gcs_bridge.viewer.arrays import ARROW, GEO_POINT, PLACE, SCALARS, TURN
 from gcs_bridge.viewer.drawing import Drawing
 from gcs_bridge.viewer.scene import Part
 from gcs_bridge.viewer.times import Instant, Times
 
-__all__ = ["PLOT_HOLD_US", "Rows", "Shown", "broken_at_wraps"]
+__all__ = ["POSE", "Rows", "Shown", "broken_at_wraps"]
 
-PLOT_HOLD_US = 200_000
-"""A live link's plots grow five times a second: the eye sees no more, and each time costs as much as 100 rows."""
-
-_POSE = 7  # numbers of a place with an attitude
+POSE = 7
+"""Numbers of a place with an attitude."""
 Texts = npt.NDArray[np.str_]
 
 
@@ -82,29 +82,34 @@ class Rows:
 
     def send(self, recording: Drawing) -> None:
         """Draw them."""
-        known = self.times.t_rx_us > 0
-        for picked in (np.flatnonzero(known), np.flatnonzero(~known)):
-            if not len(picked):
-                continue
-            columns = self.times.columns(picked, recording.aligned)
-            for path, xyzw in self.attitudes.items():
-                recording.send_columns(path, columns, rr.Transform3D.columns(quaternion=xyzw[picked]))
-            for path, numbers in self.numbers.items():
-                recording.send_columns(path, columns, rr.Scalars.columns(scalars=numbers[picked]))
-            for path, vectors in self.arrows.items():
-                recording.send_columns(path, columns, rr.Arrows3D.columns(vectors=vectors[picked]))
-            for path, poses in self.poses.items():
-                turned = poses[picked, 3:] if poses.shape[1] == _POSE else None
-                moved = rr.Transform3D.columns(translation=poses[picked, :3], quaternion=turned)
-                recording.send_columns(path, columns, moved)
-            for path, strips in self.strips.items():
-                labels = self.labels[path][picked] if path in self.labels else None
-                lines = rr.LineStrips3D.columns(strips=list(strips[picked]), labels=labels)
-                recording.send_columns(path, columns, lines)
-            for path, degrees in self.geo_points.items():
-                recording.send_columns(path, columns, rr.GeoPoints.columns(positions=degrees[picked]))
-            for path, strips in self.geo_strips.items():
-                recording.send_columns(path, columns, rr.GeoLineStrings.columns(line_strings=list(strips[picked])))
+        for times, rows in self.times.parts():
+            (self if len(times) == len(self.times) else self._where(rows))._send(recording)
+
+    def _where(self, rows: Picked) -> Rows:
+        values = [{path: of[rows] for path, of in getattr(self, kind.name).items()} for kind in fields(self)[1:]]
+        return Rows(self.times[rows], *values)
+
+    def _send(self, recording: Drawing) -> None:
+        """The same of rows, one at least, whose receive times are all known, or all unknown."""
+        times = self.times.columns(recording.aligned)
+        for path, xyzw in self.attitudes.items():
+            recording.send_columns(path, times, [TURN.column(xyzw)])
+        for path, numbers in self.numbers.items():
+            recording.send_columns(path, times, [SCALARS.column(numbers)])
+        for path, vectors in self.arrows.items():
+            recording.send_columns(path, times, [ARROW.column(vectors)])
+        for path, poses in self.poses.items():
+            moved = [PLACE.column(poses[:, :3])]
+            if poses.shape[1] == POSE:
+                moved.append(TURN.column(poses[:, 3:]))
+            recording.send_columns(path, times, moved)
+        for path, strips in self.strips.items():
+            lines = rr.LineStrips3D.columns(strips=list(strips), labels=self.labels.get(path))
+            recording.send_columns(path, times, lines)
+        for path, degrees in self.geo_points.items():
+            recording.send_columns(path, times, [GEO_POINT.column(degrees)])
+        for path, strips in self.geo_strips.items():
+            recording.send_columns(path, times, rr.GeoLineStrings.columns(line_strings=list(strips)))
 
 
 def broken_at_wraps(times: Times, angle_deg: Floats, before_deg: float, beyond_deg: float) -> tuple[Times, Floats]:

@@ -45,11 +45,12 @@ from gcs_bridge.columns import Floats
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.airframes import Airframe, airframe_of, shape_of
 from gcs_bridge.viewer.base import UTC
+from gcs_bridge.viewer.below import FRAME
 from gcs_bridge.viewer.compass import horizon, rose
 from gcs_bridge.viewer.palette import ALARM, LEVEL_AXES, OK, UNKNOWN, WARNING
 from gcs_bridge.viewer.palette import EULER as _EULER
 from gcs_bridge.viewer.palette import QUATERNION as _QUATERNION
-from gcs_bridge.viewer.places import GROUND_M, NAME_AT, UNDONE_AT, place_of, written_places
+from gcs_bridge.viewer.places import GROUND_M, NAME_AT, UNDONE_AT, lift_of, place_of, written_places
 from gcs_bridge.viewer.solids import Colour, Point
 
 __all__ = [
@@ -192,6 +193,7 @@ def vehicle_parts(key: VehicleId, place: int) -> Iterator[Part]:
     """What never changes of a vehicle, whatever it sends; it is the `place`-th, from 0."""
     body = path_of(key, "body")
     yield body, rr.Transform3D(translation=place_of(place))
+    yield f"{body}/name", rr.Transform3D(translation=lift_of(place))
     for name, lines in rose(GROUND_M):
         width = rr.Radius.ui_points(0.5 if name == "degrees" else 0.8)  # as wide from afar as from near
         yield f"{body}/compass/{name}", rr.LineStrips3D(lines, colors=[_light(place)], radii=width)
@@ -280,7 +282,7 @@ def corrected_parts(key: VehicleId, text: str) -> Iterator[Part]:
     path = path_of(key, "body", "corrected")
     yield f"{path}/axes", rr.Arrows3D(vectors=_CORRECTED_M * np.eye(3), colors=_CORRECTED, radii=0.01)
     yield f"{path}/name", _texts([UNDONE_AT], [text], [_CORRECTED])
-    yield f"{path}/name", rr.CoordinateFrame(f"tf#/{path_of(key, 'body')}")
+    yield f"{path}/name", rr.CoordinateFrame(f"{FRAME}{path_of(key, 'body')}")
 
 
 def motion_parts(key: VehicleId) -> Iterator[Part]:

@@ -24,34 +24,31 @@ from gcs_bridge.events import (
 )
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.telemetry.identity import VehicleId
-from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer import scene
 from gcs_bridge.viewer.base import Beside, ViewerSink
 from gcs_bridge.viewer.drawing import Drawing
 from gcs_bridge.viewer.event_text import text_of
 from gcs_bridge.viewer.figure import New
 from gcs_bridge.viewer.followed import Followed
+from gcs_bridge.viewer.frames import Frames
+from gcs_bridge.viewer.held import Held
 from gcs_bridge.viewer.motion_lines import MotionLines
 from gcs_bridge.viewer.pace import Pace
-from gcs_bridge.viewer.rows import PLOT_HOLD_US, Rows, Shown
-from gcs_bridge.viewer.scene import UTC, Source, boot_timeline, path_of
-from gcs_bridge.viewer.times import Aligned, Instant, Times, instant_of, pair_times
+from gcs_bridge.viewer.rows import Rows, Shown
+from gcs_bridge.viewer.scene import UTC, boot_timeline, path_of
+from gcs_bridge.viewer.stretch import Angles, Stretch
+from gcs_bridge.viewer.times import Aligned, Instant, instant_of
 from gcs_bridge.viewer.world import World
 
 __all__ = ["RerunSink", "sinks_of"]
 
 
-# What is drawn of a live link grows some 20 times a second: each time costs as much as 100 rows. The indicator may be
-# slower. Of several vehicles all is: with four at 50 Hz the newest attitude is still no older than 100 ms.
-_HOLD_US, _INDICATOR_HOLD_US, _MORE_EACH, _MOST = 35_000, 90_000, 0.22, 4.0
-
-
-class _Held:
-    """What was observed of a vehicle in one boot, and not drawn yet; the boot time at which it was drawn last, µs."""
-
-    def __init__(self) -> None:
-        self.observations: list[Observation] = []
-        self.drawn_us = -_HOLD_US
+# How often each part of the picture is drawn, µs of the vehicle's time: bodies as often as a live link is judged, which
+# is some 20 times a second; the indicator seven times; plots three times, since the eye sees no more, and each time
+# costs as much as 100 rows. Of several vehicles all but the bodies is drawn less often.
+_BODIES_US, _INDICATOR_US, _REST_US = 35_000.0, 130_000.0, 310_000.0
+_MORE_EACH, _MOST = 0.22, 4.0
+_AT_ONCE = (0.0, 0.0, 0.0)
 
 
 class RerunSink(ViewerSink):
@@ -74,10 +71,10 @@ class RerunSink(ViewerSink):
         self._world = world
         self._rec = Drawing(world.recording, aligned=aligned, prefix=world.prefix)
         self._label = label
-        live = self._live = world.live
+        self._live = world.live
         self._gather = gather
-        self._holds = live and gather == 1  # plots, not attitudes
-        self._held: dict[VehicleId, _Held] = {}
+        self._frames = Frames() if world.live and gather == 1 else None
+        self._held: dict[VehicleId, Held] = {}
         self._waiting: dict[tuple[int | str, ...], list[Rows]] = {}
         self._pace = pace
         self._vehicles: dict[VehicleId, Followed] = {}
@@ -86,71 +83,68 @@ class RerunSink(ViewerSink):
         self._boots: set[int] = set()
 
     def observe(self, observation: Observation) -> None:
-        """Draw samples and their comparison: of a live link some twenty times a second, else at once."""
+        """Draw samples and their comparison, each part of the picture as often as it is to be drawn."""
         if self._pace is not None and not self._pace.is_kept:
             return
-        segment = observation.segment
-        held = self._held.setdefault(observation.vehicle, _Held())
-        if held.observations and held.observations[0].segment.boot != segment.boot:
-            self._draw_held(held)
-        held.observations.append(observation)
-        now_us = int(segment.t_boot_us[-1]) if len(segment.t_boot_us) else held.drawn_us
-        if not self._live or abs(now_us - held.drawn_us) >= _HOLD_US * self._slower:
-            held.drawn_us = now_us
-            self._draw_held(held)
-
-    @property
-    def _slower(self) -> float:
-        """How much longer all is held than of one vehicle."""
-        return min(1.0 + _MORE_EACH * max(len(self._vehicles) - 1, 0), _MOST)
+        held = self._held.setdefault(observation.vehicle, Held(len(_AT_ONCE)))
+        if held.boot not in (None, observation.segment.boot):
+            self._draw_held(observation.vehicle, held, _AT_ONCE)
+        held.add(observation)
+        slower = min(1.0 + _MORE_EACH * max(len(self._vehicles) - 1, 0), _MOST)
+        self._draw_held(observation.vehicle, held, (_BODIES_US, _INDICATOR_US * slower, _REST_US * slower))
 
     def _draw_observed(self) -> None:
-        for held in self._held.values():
-            self._draw_held(held)
+        for vehicle, held in self._held.items():
+            self._draw_held(vehicle, held, _AT_ONCE)
 
-    def _draw_held(self, held: _Held) -> None:
-        """Draw what was observed of a vehicle in one boot."""
-        observations, held.observations = held.observations, []
-        if not observations:
-            return
-        key = self._key(observations[0].vehicle)
-        segments = [one.segment for one in observations]
-        sources: dict[Source, list[AttitudeSamples]] = {
-            "euler": [segment.euler for segment in segments if len(segment.euler)],
-            "quaternion": [segment.quaternion for segment in segments if len(segment.quaternion)],
-        }
-        if any(sources.values()):
-            vehicle = self._vehicle(key)
-            self._draw_each(vehicle.figure.becomes(observations[-1].type))
-            for source, parts in sources.items():
-                if parts:
-                    samples = AttitudeSamples.joined(parts)
-                    self._draw_attitude(key, vehicle, source, samples.where(samples.valid))
-                    self._draw_each(vehicle.figure.attitudes(source, samples))
-            self._draw_disagreement(key, vehicle, [one for one in observations if len(one.pairs)])
-        if key in self._vehicles:
-            vehicle = self._vehicles[key]
-            for one in observations:
-                self._draw_each(vehicle.apart.feed(one))
-                self._draw_each(vehicle.panels.observe(one))
-                self._draw_motion(key, vehicle, one)
-                self._draw_trail(vehicle, one)
-            self._draw_each(vehicle.figure.others(observations))
+    def _draw_held(self, vehicle: VehicleId, held: Held, holds_us: Sequence[float]) -> None:
+        key = self._key(vehicle)
+        for part, stretch in held.take(holds_us):
+            if stretch.sent:
+                self._vehicle(key)
+            if key in self._vehicles:
+                (self._draw_bodies, self._draw_indicator, self._draw_rest)[part](key, stretch)
+
+    def _draw_bodies(self, key: VehicleId, stretch: Stretch) -> None:
+        """Attitudes, and what shows how they differ."""
+        vehicle = self._vehicles[key]
+        self._draw_each(vehicle.figure.becomes(stretch.type))
+        for angles in stretch.angles:
+            self._draw_attitude(key, vehicle, angles)
+        self._draw_each(vehicle.figure.appears(stretch))
+        self._draw_first_compared(key, vehicle, stretch)
+        for one in stretch.observations:
+            self._draw_each(vehicle.apart.feed(one))
+        self._draw_each(vehicle.figure.second(stretch))
+
+    def _draw_indicator(self, key: VehicleId, stretch: Stretch) -> None:
+        self._draw_each(self._vehicles[key].panels.indicate(stretch))
+
+    def _draw_rest(self, key: VehicleId, stretch: Stretch) -> None:
+        """Lines, arrows and places."""
+        vehicle = self._vehicles[key]
+        self._draw_each(vehicle.figure.arrows(stretch))
+        self._draw_each(vehicle.panels.plot(stretch))
+        self._draw_motion(key, vehicle, stretch)
+        self._draw_trail(vehicle, stretch)
 
     def events(self, events: Sequence[Event]) -> None:
         """Write events into the log, and what they mean for the comparison into its lane."""
         for event in events:
             self._draw_event(event)
         self._settle()
+        self._move()
+
+    def _move(self) -> None:
+        if self._frames is not None:
+            self._frames.send(self._rec)
 
     def _settle(self) -> None:
         for vehicle in self._vehicles.values():
             self._show(vehicle.panels.settle())
 
     def _draw_event(self, event: Event) -> None:
-        self._draw_observed()  # it leads up to the event
-        if self._holds:
-            self.flush()  # no plot waits for more when a stream falls silent
+        self._draw_observed()  # it leads up to the event, and no plot waits for more when a stream falls silent
         moment = instant_of(event)
         if moment.t_boot_us is None and moment.t_rx_us < 0:
             moment = moment._replace(t_rx_us=self._latest_rx_us)
@@ -208,9 +202,7 @@ class RerunSink(ViewerSink):
     def flush(self) -> None:
         """Draw what waits for more."""
         self._draw_observed()
-        for vehicle in self._vehicles.values():
-            if vehicle.motion is not None:
-                self._draw_each(vehicle.motion.flush())
+        self._move()
         for waiting in self._waiting.values():
             if waiting:
                 Rows.joined(waiting).send(self._rec)
@@ -228,55 +220,49 @@ class RerunSink(ViewerSink):
                 self._lay_out()
         return vehicle
 
-    def _draw_attitude(self, key: VehicleId, vehicle: Followed, source: str, samples: AttitudeSamples) -> None:
-        if not len(samples):
-            return
-        times = Times(boot=int(samples.boot[0]), t_boot_us=samples.t_boot_us, t_rx_us=samples.t_rx_us)
+    def _draw_attitude(self, key: VehicleId, vehicle: Followed, angles: Angles) -> None:
+        times = angles.times
         if self._first is None:
             self._first = times.moment(0)
         self._boots.add(times.boot)
-        if not self._vehicle(key).named:  # nor has anything been said of it yet
+        if not vehicle.named:  # nor has anything been said of it yet
             self._rec.set_time(times.moment(0))
             self._name(key, None)
         self._latest_rx_us = max(self._latest_rx_us, int(times.t_rx_us.max()))
-        rpy_rad = attitude.rpy_from_quaternion(samples.q_nb) if samples.rpy_rad is None else samples.rpy_rad
-        xyzw = attitude.xyzw_from_wxyz(samples.q_nb)
-        self._draw_rows(Rows(times, {path_of(key, "body", source): xyzw}))
-        self._draw_each(vehicle.panels.turn(source, times, rpy_rad))
+        xyzw = attitude.xyzw_from_wxyz(angles.samples.q_nb)
+        self._draw_rows(Rows(times, {path_of(key, "body", angles.source): xyzw}))
 
-    def _draw_disagreement(self, key: VehicleId, vehicle: Followed, observations: Sequence[Observation]) -> None:
-        if not observations:
+    def _draw_first_compared(self, key: VehicleId, vehicle: Followed, stretch: Stretch) -> None:
+        """Say that the two forms are compared, from the boot's first pair on that is judged."""
+        if stretch.boot in vehicle.compared or stretch.compared is None:
             return
-        boot = observations[0].segment.boot
-        for one in observations:
-            judged = np.flatnonzero(one.disagreement.judged)
-            if len(judged) and boot not in vehicle.compared:
-                vehicle.compared.add(boot)
-                self._rec.set_time(pair_times(one).moment(int(judged[0])))
-                self._state(key, "compared")
-        self._draw_each(vehicle.panels.compare(observations))
+        times, found = stretch.compared
+        judged = np.flatnonzero(found.judged)
+        if len(judged):
+            vehicle.compared.add(stretch.boot)
+            self._rec.set_time(times.moment(int(judged[0])))
+            self._state(key, "compared")
 
-    def _draw_motion(self, key: VehicleId, vehicle: Followed, observation: Observation) -> None:
+    def _draw_motion(self, key: VehicleId, vehicle: Followed, stretch: Stretch) -> None:
         """Draw how the vehicle moves, from its first inertial sample on."""
-        flight, boot, lines = observation.flight, observation.segment.boot, vehicle.motion
-        if lines is None or lines.boot != boot:
-            if lines is None and flight.imu is None:
+        lines = vehicle.motion
+        if lines is None:
+            if all(one.flight.imu is None for one in stretch.observations):
                 return
-            if lines is None:
-                self._world.draw(scene.motion_parts(key))
-                self._world.draw_legend({"down"})
-                self._world.moves(key)
-            else:
-                self._draw_each(lines.flush())
-            lines, first = MotionLines(key, boot), lines is None
-            vehicle.motion = lines
-            if first and self._live:
+            self._world.draw(scene.motion_parts(key))
+            self._world.draw_legend({"down"})
+            self._world.moves(key)
+            vehicle.motion = MotionLines(key, stretch.boot)
+            if self._live:
                 self._lay_out()
-        self._draw_each(lines.feed(flight))
+        elif lines.boot != stretch.boot:
+            vehicle.motion = MotionLines(key, stretch.boot)
+        if vehicle.motion is not None and stretch.seen is not None:
+            self._draw_each(vehicle.motion.feed(stretch.seen))
 
-    def _draw_trail(self, vehicle: Followed, observation: Observation) -> None:
+    def _draw_trail(self, vehicle: Followed, stretch: Stretch) -> None:
         was_known = vehicle.trail.reach is not None
-        self._draw_each(vehicle.trail.feed(observation))
+        self._draw_each(vehicle.trail.feed(stretch))
         if self._live and not was_known and vehicle.trail.reach is not None:
             self._lay_out()
 
@@ -292,15 +278,14 @@ class RerunSink(ViewerSink):
 
     def _draw_rows(self, rows: Rows) -> None:
         """Draw rows now, or with those that follow."""
+        if self._frames is not None:
+            rows = self._frames.take(rows)
+        if self._gather == 1:
+            rows.send(self._rec)
+            return
         waiting = self._waiting.setdefault((rows.times.boot, *rows.paths), [])
         waiting.append(rows)
-        if self._holds and (rows.poses or not rows.attitudes):
-            hold_us = _INDICATOR_HOLD_US if rows.poses else PLOT_HOLD_US
-            first_us, last_us = waiting[0].times.t_boot_us[0], rows.times.t_boot_us[-1]
-            enough = abs(last_us - first_us) >= hold_us * self._slower
-        else:
-            enough = sum(len(one.times) for one in waiting) >= self._gather
-        if enough:
+        if sum(len(one.times) for one in waiting) >= self._gather:
             Rows.joined(waiting).send(self._rec)
             waiting.clear()
 

@@ -15,13 +15,13 @@ import numpy as np
 import rerun as rr
 
 from gcs_bridge.columns import Floats, Int64s
-from gcs_bridge.judging.observation import Observation
 from gcs_bridge.telemetry.batches import BootSegment
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.samples import STREAMS
 from gcs_bridge.viewer.palette import EULER, GREY, LEVEL_AXES, QUATERNION
 from gcs_bridge.viewer.rows import Rows
 from gcs_bridge.viewer.scene import Part, path_of
+from gcs_bridge.viewer.stretch import Stretch
 from gcs_bridge.viewer.times import Times
 
 __all__ = ["STREAM_PANELS", "StreamLines", "rate_rows", "stream_parts"]
@@ -112,11 +112,11 @@ class StreamLines:
         return end_us, self._t_rx_us + end_us - self._t_boot_us if self._t_rx_us > 0 else -1, numbers
 
 
-def rate_rows(key: VehicleId, observation: Observation) -> Iterator[Rows]:
+def rate_rows(key: VehicleId, stretch: Stretch) -> Iterator[Rows]:
     """Body rates by the gyro and, at the same times, by the attitude; deg/s."""
-    seen = observation.flight.imu_with_attitude
-    if len(seen.t_boot_us):
+    seen = stretch.seen
+    if seen is not None:
         w_b_rad_s = seen.w0_b_rad_s + seen.place[:, None] * (seen.w1_b_rad_s - seen.w0_b_rad_s)
-        times = Times(boot=observation.segment.boot, t_boot_us=seen.t_boot_us, t_rx_us=seen.t_rx_us)
+        times = Times(boot=stretch.boot, t_boot_us=seen.t_boot_us, t_rx_us=seen.t_rx_us)
         rates = np.degrees(np.column_stack((seen.w_b_rad_s, w_b_rad_s)))
         yield Rows(times, numbers={path_of(key, "rates_deg_s"): rates})

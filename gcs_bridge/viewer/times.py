@@ -6,14 +6,15 @@ They are kept as they came: each boot of a vehicle is a clock of its own, and so
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import rerun as rr
 
-from gcs_bridge.columns import Columns, Int64s, record
+from gcs_bridge.columns import Columns, Int64s, Rows, all_true, any_true, record
 from gcs_bridge.events import Event
 from gcs_bridge.judging.observation import Observation
+from gcs_bridge.viewer.arrays import TimeColumn
 from gcs_bridge.viewer.scene import UTC, boot_timeline
 
 __all__ = ["Aligned", "Instant", "Times", "instant_of", "pair_times"]
@@ -26,16 +27,15 @@ class Instant(NamedTuple):
     t_boot_us: int | None
     t_rx_us: int
 
-    def columns(self, n: int, aligned: Aligned | None = None) -> list[rr.TimeColumn]:
+    def columns(self, n: int, aligned: Aligned | None = None) -> list[TimeColumn]:
         """The times of n rows of this instant, on the timeline `aligned` too; none where neither is known."""
         columns = []
         if self.t_boot_us is not None:
-            boot_us = np.full(n, self.t_boot_us, "m8[us]")
-            columns.append(rr.TimeColumn(boot_timeline(self.boot), duration=boot_us))
+            columns.append(TimeColumn(boot_timeline(self.boot), np.full(n, self.t_boot_us)))
         if self.t_rx_us > 0:
-            columns.append(rr.TimeColumn(UTC, timestamp=np.full(n, self.t_rx_us, "M8[us]")))
+            columns.append(TimeColumn(UTC, np.full(n, self.t_rx_us), since_1970=True))
         if aligned is not None and (since_us := aligned.at(self)) is not None:
-            columns.append(rr.TimeColumn(aligned.timeline, duration=np.full(n, since_us, "m8[us]")))
+            columns.append(TimeColumn(aligned.timeline, np.full(n, since_us)))
         return columns
 
 
@@ -81,14 +81,22 @@ class Times(Columns):
         """When one of them was true."""
         return Instant(self.boot, int(self.t_boot_us[row]), int(self.t_rx_us[row]))
 
-    def columns(self, rows: Int64s, aligned: Aligned | None = None) -> list[rr.TimeColumn]:
+    def parts(self) -> Iterator[tuple[Times, Rows]]:
+        """The rows whose receive times are all known, and those of which none is, as far as there are any."""
+        known = self.t_rx_us > 0
+        if all_true(known) or not any_true(known):
+            yield self, slice(None)
+        else:
+            for mask in (known, ~known):
+                yield self[mask], mask
+
+    def columns(self, aligned: Aligned | None = None) -> list[TimeColumn]:
         """The times of rows whose receive times are all known, or all unknown; on the timeline `aligned` too."""
-        t_boot_us, t_rx_us = self.t_boot_us[rows], self.t_rx_us[rows]
-        columns = [rr.TimeColumn(boot_timeline(self.boot), duration=t_boot_us.astype("m8[us]"))]
-        if t_rx_us[0] > 0:
-            columns.append(rr.TimeColumn(UTC, timestamp=t_rx_us.astype("M8[us]")))
-        if aligned is not None and (since_us := aligned.of(self.boot, t_boot_us, t_rx_us)) is not None:
-            columns.append(rr.TimeColumn(aligned.timeline, duration=since_us.astype("m8[us]")))
+        columns = [TimeColumn(boot_timeline(self.boot), self.t_boot_us)]
+        if self.t_rx_us[0] > 0:
+            columns.append(TimeColumn(UTC, self.t_rx_us, since_1970=True))
+        if aligned is not None and (since_us := aligned.of(self.boot, self.t_boot_us, self.t_rx_us)) is not None:
+            columns.append(TimeColumn(aligned.timeline, since_us))
         return columns
 
 

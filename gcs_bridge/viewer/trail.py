@@ -24,15 +24,14 @@ import numpy as np
 
 from gcs_bridge import attitude
 from gcs_bridge.columns import Floats
-from gcs_bridge.judging.observation import Observation
-from gcs_bridge.telemetry.batches import BootSegment
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.positions import LOCAL, PositionSamples
 from gcs_bridge.telemetry.samples import AttitudeSamples
 from gcs_bridge.viewer.earth import Geodetic, Ned, TangentPlane, distance_m
 from gcs_bridge.viewer.figure import New, as_displayed
 from gcs_bridge.viewer.rows import Rows
-from gcs_bridge.viewer.scene import path_of, place_airframe_parts, place_parts
+from gcs_bridge.viewer.scene import Source, path_of, place_airframe_parts, place_parts
+from gcs_bridge.viewer.stretch import Angles, Stretch
 from gcs_bridge.viewer.times import Times
 
 __all__ = ["Origins", "Reach", "Trail"]
@@ -136,20 +135,20 @@ class Trail:
         self._best = len(self._messages)  # the message that is followed; the number of them: none yet
         self._plane: TangentPlane | None = None
         self._head: tuple[int, Ned, Geodetic | None] | None = None  # where the trail ends
-        self._before: list[AttitudeSamples | None] = [None, None]  # the last attitudes: Euler angles', quaternion's
+        self._before: dict[Source, AttitudeSamples | None] = {"euler": None, "quaternion": None}  # the last attitudes
 
-    def feed(self, observation: Observation) -> Iterator[New | Rows]:
-        """What a batch adds."""
-        if observation.segment.boot != self._boot:
-            self._boot = observation.segment.boot
+    def feed(self, stretch: Stretch) -> Iterator[New | Rows]:
+        """What batches add."""
+        if stretch.boot != self._boot:
+            self._boot = stretch.boot
             self._start_boot()
-        if observation.type != self._type:
-            self._type = observation.type
+        if stretch.type != self._type:
+            self._type = stretch.type
             if self.reach is not None:
                 yield self._airframe()
-        positions = observation.positions
+        positions = stretch.positions
         drawn = list(self._follow(positions)) if len(positions) else []
-        q_nb = self._attitudes(observation.segment, positions.frame_index[[one.row for one in drawn]].tolist())
+        q_nb = self._attitudes(stretch.angles, positions.frame_index[[one.row for one in drawn]].tolist())
         if drawn:
             yield from self._grow([one.at for one in drawn])
             yield from self._rows(positions, drawn, q_nb)
@@ -185,18 +184,18 @@ class Trail:
         self._head = t_us, at, geodetic
         return None if head is None else head[1:]
 
-    def _attitudes(self, segment: BootSegment, frame_indices: list[int]) -> Floats:
+    def _attitudes(self, sources: list[Angles], frame_indices: list[int]) -> Floats:
         """The attitude (n, 4) known at each of these frames, as displays are to show it; the identity before any."""
         found = np.tile(_LEVEL, (len(frame_indices), 1))
-        for source, samples in enumerate((segment.euler, segment.quaternion)):  # where both are known, the latter
-            valid = samples.where(samples.valid)
-            if frame_indices:
-                before = self._before[source]
-                known = valid if before is None else before.then(valid)
-                rows = np.searchsorted(known.frame_index, frame_indices) - 1
-                found[rows >= 0] = as_displayed(known[rows[rows >= 0]])
-            if len(valid):
-                self._before[source] = valid[-1:]
+        came = {angles.source: angles.samples for angles in sources}
+        for source, before in self._before.items():  # where both are known, the quaternion
+            known = [samples for samples in (before, came.get(source)) if samples is not None]
+            if known and frame_indices:
+                samples = AttitudeSamples.joined(known)
+                rows = np.searchsorted(samples.frame_index, frame_indices) - 1
+                found[rows >= 0] = as_displayed(samples[rows[rows >= 0]])
+            if source in came:
+                self._before[source] = came[source][-1:]
         return found
 
     def _grow(self, places: list[Ned]) -> Iterator[New]:

@@ -193,7 +193,7 @@ def near_poles(sequence: str) -> Iterator[float]:
         yield from (pole + inward * distance for distance in (1e-17, 1e-15, 1e-12, 1e-9, 1e-7, 1e-4, 1e-3))
 
 
-@pytest.mark.parametrize("sequence", one_in(4, SEQUENCES))
+@pytest.mark.parametrize("sequence", one_in(8, SEQUENCES))
 def test_at_and_near_the_poles(sequence: str) -> None:
     """There angles describe the rotation to 5e-15 rad, of float64 and of float32 quaternions and of matrices.
 

@@ -1,6 +1,7 @@
 """Every frame twice on one link, or thrice: what came before counts once, and that is said."""
 
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from gcs_bridge import Monitor
 from tests.helpers import wire
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import ROOT
 
 Record = tuple[int, bytes]
@@ -57,10 +59,10 @@ def test_the_case() -> None:
     assert salvage["remarks"] == ["each frame came twice, by 1,1: it counts once"]
 
 
-@pytest.mark.parametrize("version", [1, 2])
-@pytest.mark.parametrize("numbered", [False, True])
-@pytest.mark.parametrize("late_ms", [0, 1, 3, 20, 50])
-@pytest.mark.parametrize("times", [2, 3])
+@pytest.mark.parametrize(
+    ("times", "late_ms", "numbered", "version"),
+    one_in(3, product([2, 3], [0, 1, 3, 20, 50], [False, True], [1, 2])),
+)
 def test_every_frame_again(times: int, late_ms: int, numbered: bool, version: int) -> None:
     """However late the copies are, and whether the frames are numbered or not."""
     flown = flight(version, numbered)

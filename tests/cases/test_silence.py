@@ -6,7 +6,7 @@ Recordings are made of `a_copter_square` by taking records out, or by hand; the 
 from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from functools import cache
-from itertools import count, pairwise
+from itertools import count, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ from tests.helpers.craft import (
     told,
     true,
 )
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES, ROOT
 
 CASES = ROOT / "tests" / "data" / "cases"
@@ -175,8 +176,10 @@ def a_flight(cut_s: tuple[float, float], *, keep: Sequence[int] = (0,)) -> list[
     ]
 
 
-@pytest.mark.parametrize("keep", [(0,), (0, 27), (0, 24, 33, 74), (0, 2)])
-@pytest.mark.parametrize("seconds", [4, 9, 31])
+@pytest.mark.parametrize(
+    ("keep", "seconds"),
+    one_in(4, [(keep, seconds) for keep in ((0,), (0, 27), (0, 24, 33, 74), (0, 2)) for seconds in (4, 9, 31)]),
+)
 def test_a_real_flight_whose_attitudes_stop(keep: Sequence[int], seconds: float) -> None:
     """Heartbeats go on, and RAW_IMU, positions or SYSTEM_TIME beside them: alarms after 2 s, until it is back."""
     events, vehicle = one(a_flight((60.0, 60.0 + seconds), keep=keep))
@@ -424,9 +427,14 @@ def test_a_lost_stretch_of_frames_is_no_restart() -> None:
 # --- two boots at once ---
 
 
-@pytest.mark.parametrize("pattern", ["ab", "aab", "abb", "aaaabbb", "aababbbaab", "a" * 40 + "b" * 40])
 @pytest.mark.slow
-@pytest.mark.parametrize("older_s", [600.0, 90.0, 5000.0])
+@pytest.mark.parametrize(
+    ("pattern", "older_s"),
+    one_in(
+        4,
+        product(["ab", "aab", "abb", "aaaabbb", "aababbbaab", "a" * 40 + "b" * 40], [600.0, 90.0, 5000.0]),
+    ),
+)
 def test_backlogs_of_two_boots_are_two_boots(pattern: str, older_s: float) -> None:
     """What was kept of the boot before comes between what is new: one restart."""
     of = {"a": craft(boot_s=older_s, beats=False).records(60), "b": craft(boot_s=4.0, beats=False).records(60)}

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from tests.helpers import wire
 from tests.helpers.craft import (
@@ -30,6 +29,7 @@ from tests.helpers.craft import (
     two_sided,
     velocity,
 )
+from tests.helpers.turn import Turn
 
 HZ = 10.0
 UNTRIMMED = [(0.0, parameter(f"AHRS_TRIM_{axis}", 0.0)) for axis in "XY"]  # else it may be a trim
@@ -181,7 +181,7 @@ def test_a_coordinated_turn_feels_level(kind: int, count: int) -> None:
     """
     bank = rpy(roll=50)
 
-    def turn(t_s: float) -> tuple[Rotation, Array]:
+    def turn(t_s: float) -> tuple[Turn, Array]:
         yaw = rotvec(0, 0, 8 * t_s)
         return yaw * bank, bank.inv().apply(np.radians([0, 0, 8]))
 

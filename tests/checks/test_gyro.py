@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from tests.helpers import wire
 from tests.helpers.craft import (
@@ -26,6 +25,7 @@ from tests.helpers.craft import (
     true,
     watched,
 )
+from tests.helpers.turn import Turn
 
 SWAY = swaying((1, 0, 0), by_deg=20, period_s=4)  # 31 °/s at most, 4.9 °/s from sample to sample at 10 Hz
 HZ = 10.0
@@ -119,13 +119,13 @@ def test_the_first_ten_seconds_are_not_judged() -> None:
     assert check(vehicle, "gyro")["pairs"] == pytest.approx(30 * HZ, abs=2)
 
 
-def spun_up(t_s: float) -> tuple[Rotation, Array]:
+def spun_up(t_s: float) -> tuple[Turn, Array]:
     """A vehicle that spins at 40 rad/s for two seconds: beyond an int16's 32.767 rad/s."""
     angle, rate = 0.02 * t_s, 0.02
     if t_s >= 20:
         angle += 40 * min(t_s - 20, 2)
         rate += 40 if t_s < 22 else 0
-    return Rotation.from_rotvec([0, 0, angle]), np.array([0, 0, rate])
+    return Turn.from_rotvec([0, 0, angle]), np.array([0, 0, rate])
 
 
 @pytest.mark.slow

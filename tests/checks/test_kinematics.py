@@ -26,6 +26,7 @@ from tests.helpers.craft import (
     watched,
     with_rates,
 )
+from tests.helpers.everyday import one_in
 
 SIDES = {"euler": "ATTITUDE", "quaternion": "ATTITUDE_QUATERNION"}
 SWAY = swaying((0, 1, 0), by_deg=20, period_s=4)  # 31 °/s at most: 1.6° from sample to sample at 20 Hz
@@ -249,8 +250,10 @@ def as_angles(_: float, state: State) -> State:
     return state._replace(rates=np.array([0.0, 0.0, float(state.rates @ down_b)]))
 
 
-@pytest.mark.parametrize("hz", [5, 10, 25])
-@pytest.mark.parametrize(("bank", "deg_s"), [(20, 20), (45, 28), (60, 20), (-45, -15)])
+@pytest.mark.parametrize(
+    ("bank", "deg_s", "hz"),
+    one_in(4, [(*turn, hz) for turn in ((20, 20), (45, 28), (60, 20), (-45, -15)) for hz in (5, 10, 25)]),
+)
 def test_rates_of_the_angles(bank: float, deg_s: float, hz: float) -> None:
     """In a banked turn the angles' rates are not the body's: a warning of each stream, which names the cause."""
     found = alarms(judged(Craft(turn=turning(bank, deg_s), hz=hz, **two_sided(as_angles)), 40), "kinematics")

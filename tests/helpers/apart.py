@@ -14,8 +14,9 @@ from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
 
 from tests.helpers import wire
-from tests.helpers.craft import BOOT_S, G_M_S2, Array, Record, parameter, raw_imu, rotvec
+from tests.helpers.craft import BOOT_S, G_M_S2, Array, Record, parameter, raw_imu
 from tests.helpers.craft import State as Told
+from tests.helpers.turn import Turn
 
 PLANE, QUADROTOR = 1, 2  # MAV_TYPE
 Motion = Callable[[float], tuple[float, float, float]]  # s → roll, pitch, yaw, deg
@@ -74,7 +75,7 @@ class Apart:
         """Roll, pitch and yaw as ArduPilot sends them, rad."""
         x, y = np.radians(self.ahrs_trim_deg)
         true, hovers = self.true(t_s), np.array([self.hovers(t) for t in t_s.tolist()])
-        viewed = true * rotvec(0.0, -self.view_deg, 0.0)
+        viewed = true * Rotation.from_euler("y", -self.view_deg, degrees=True)
         flown = true.as_euler("ZYX") - [0.0, y + np.radians(self.pitch_trim_deg), x]
         shown: Array = np.where(hovers[:, None], viewed.as_euler("ZYX"), flown)
         return shown[:, ::-1]
@@ -82,7 +83,7 @@ class Apart:
     def quaternion(self, t_s: Array) -> Rotation:
         """The attitudes as the quaternion has them."""
         x, y = self.ahrs_trim_deg
-        sent = self.true(t_s) * rotvec(-x, -y, 0.0)
+        sent = self.true(t_s) * Rotation.from_rotvec([-x, -y, 0.0], degrees=True)
         return sent if self.fault is None else self.fault(t_s, sent)
 
     def records(self, seconds: float) -> list[Record]:
@@ -98,7 +99,7 @@ class Apart:
         late_s = t_s + 1e-3 * self.apart_ms
         euler, rates, board = self.euler(t_s), self.rates(t_s), self.true(t_s)
         quaternion, late_rates = wire.wxyz(self.quaternion(late_s)), self.rates(late_s)
-        force = board.inv().apply([0.0, 0.0, -G_M_S2])
+        force, board_wxyz = board.inv().apply([0.0, 0.0, -G_M_S2]), wire.wxyz(board).tolist()
         boot_ms, beat = round(1000 * BOOT_S), 0
         for i, ms in enumerate(times_ms.tolist()):
             if ms >= beat:
@@ -108,7 +109,7 @@ class Apart:
                 beat += 1000
             send(ms, mavlink.MAVLink_attitude_message(boot_ms + ms, *euler[i], *rates[i]))
             if self.imu:
-                send(ms, raw_imu(boot_ms + ms, Told(board[i], rates[i], force[i])))
+                send(ms, raw_imu(boot_ms + ms, Told(Turn(*board_wxyz[i]), rates[i], force[i])))
             late = ms + self.apart_ms
             said = (*quaternion[i], *late_rates[i], [0, 0, 0, 0])
             send(late, mavlink.MAVLink_attitude_quaternion_message(boot_ms + late, *said))

@@ -1,22 +1,21 @@
 """A vehicle made by hand: what it does is known exactly, and each message can be falsified on its way out.
 
-Turned by SciPy and packed by pymavlink, never by our own package.
+Turned by `Turn`, which is held against SciPy, and packed by pymavlink, never by our own package.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as mavlink
-from scipy.spatial.transform import Rotation
 
 from gcs_bridge import Monitor
 from tests.helpers import wire
+from tests.helpers.turn import Turn
 
 Array = NDArray[np.float64]
 Json = dict[str, Any]
@@ -30,27 +29,27 @@ DISARMED, ARMED = 81, 81 | 128  # HEARTBEAT.base_mode
 class State(NamedTuple):
     """What one message tells: attitude FRD to NED, rates, rad/s, specific force, m/s²; `norm` of the quaternion."""
 
-    rotation: Rotation
+    rotation: Turn
     rates: Array
     force: Array
     norm: float = 1.0
 
 
-StreamChange = Callable[[float], tuple[Rotation, Array]]
+StreamChange = Callable[[float], tuple[Turn, Array]]
 Change = Callable[[float, State], Any]  # time, s, and the true state → what is told: a state, a message, None
 
 
-def rpy(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Rotation:
+def rpy(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Turn:
     """The attitude of these angles, deg."""
-    return Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True)
+    return Turn.from_rpy_deg(roll, pitch, yaw)
 
 
-def rotvec(*deg: float) -> Rotation:
+def rotvec(*deg: float) -> Turn:
     """The turn about this vector, deg."""
-    return Rotation.from_rotvec(deg, degrees=True)
+    return Turn.from_rotvec(np.radians(deg))
 
 
-def still(at: Rotation | None = None) -> StreamChange:
+def still(at: Turn | None = None) -> StreamChange:
     """No motion at all."""
     held = rpy() if at is None else at
     return lambda t_s: (held, np.zeros(3))
@@ -60,39 +59,17 @@ def swaying(axis: Sequence[float] = (0, 1, 0), by_deg: float = 20.0, period_s: f
     """To and fro about one body axis: the angle is a sine, so the rate about that axis is its derivative."""
     w = 2 * np.pi / period_s
 
-    def turn(t_s: float) -> tuple[Rotation, Array]:
+    def turn(t_s: float) -> tuple[Turn, Array]:
         amplitude = np.radians(by_deg) * np.asarray(axis, np.float64)
-        return Rotation.from_rotvec(amplitude * np.sin(w * t_s)), amplitude * w * np.cos(w * t_s)
+        return Turn.from_rotvec(amplitude * np.sin(w * t_s)), amplitude * w * np.cos(w * t_s)
 
     return turn
 
 
-def spinning(axis: Sequence[float] = (0, 0, 1), deg_s: float = 2.0, at: Rotation | None = None) -> StreamChange:
+def spinning(axis: Sequence[float] = (0, 0, 1), deg_s: float = 2.0, at: Turn | None = None) -> StreamChange:
     """At a constant rate about one body axis."""
     rates = np.radians(deg_s) * np.asarray(axis, np.float64)
-    return lambda t_s: ((rpy() if at is None else at) * Rotation.from_rotvec(rates * t_s), rates)
-
-
-_SLOWLY = spinning()
-
-
-# Flights of one test file mostly turn the same way: SciPy is asked once.
-
-
-@lru_cache(maxsize=20_000)
-def _moving(turn: StreamChange, t_s: float) -> tuple[Rotation, Array, Array]:
-    """Attitude, rates, and the force where it does not accelerate."""
-    rotation, rates = turn(t_s)
-    return rotation, rates, rotation.inv().apply([0.0, 0.0, -G_M_S2])
-
-
-@lru_cache(maxsize=20_000)
-def _yaw_pitch_roll(rotation: Rotation) -> tuple[float, float, float]:
-    yaw, pitch, roll = rotation.as_euler("ZYX").tolist()
-    return yaw, pitch, roll
-
-
-_wxyz = lru_cache(maxsize=20_000)(wire.wxyz)
+    return lambda t_s: ((rpy() if at is None else at) * Turn.from_rotvec(rates * t_s), rates)
 
 
 # --- changes ---------------------------------------------------------------------------------------------------------
@@ -151,18 +128,16 @@ def two_sided(change: Change) -> dict[str, Any]:
 
 
 def attitude(ms: int, state: State) -> Any:
-    yaw, pitch, roll = _yaw_pitch_roll(state.rotation)
-    return mavlink.MAVLink_attitude_message(ms, roll, pitch, yaw, *state.rates)
+    return mavlink.MAVLink_attitude_message(ms, *state.rotation.rpy_rad(), *state.rates)
 
 
 def attitude_quaternion(ms: int, state: State) -> Any:
-    q = state.norm * _wxyz(state.rotation)
+    q = [state.norm * part for part in state.rotation]
     return mavlink.MAVLink_attitude_quaternion_message(ms, *q, *state.rates, [0, 0, 0, 0])
 
 
 def ahrs2(_: int, state: State) -> Any:
-    yaw, pitch, roll = _yaw_pitch_roll(state.rotation)
-    return mavlink.MAVLink_ahrs2_message(roll, pitch, yaw, 0, 0, 0)
+    return mavlink.MAVLink_ahrs2_message(*state.rotation.rpy_rad(), 0, 0, 0)
 
 
 def _counts(state: State, per_g: float) -> list[int]:
@@ -218,7 +193,7 @@ class Craft:
     `force` maps (second, attitude) to the specific force; without it, that of a vehicle that does not accelerate.
     """
 
-    turn: StreamChange = field(default_factory=lambda: _SLOWLY)
+    turn: StreamChange = field(default_factory=spinning)
     euler: Change | None = true
     quaternion: Change | None = true
     imu: Change | None = None
@@ -226,7 +201,7 @@ class Craft:
     hz: float = 20.0
     second_hz: float = 5.0
     imu_message: Callable[[int, State], Any] = raw_imu
-    force: Callable[[float, Rotation], Sequence[float] | Array] | None = None
+    force: Callable[[float, Turn], Sequence[float] | Array] | None = None
     autopilot: int = wire.ARDUPILOT
     kind: int = wire.QUADROTOR
     base_mode: int = DISARMED
@@ -236,10 +211,10 @@ class Craft:
     boot_s: float = BOOT_S
 
     def state(self, t_s: float) -> State:
-        rotation, rates, force = _moving(self.turn, t_s)
+        rotation, rates = self.turn(t_s)
         if self.force is not None:
-            force = np.asarray(self.force(t_s, rotation), np.float64)
-        return State(rotation, rates, force)
+            return State(rotation, rates, np.asarray(self.force(t_s, rotation), np.float64))
+        return State(rotation, rates, rotation.inv().apply([0.0, 0.0, -G_M_S2]))
 
     def records(self, seconds: float) -> list[Record]:
         """(record time, frame) of this many seconds of flight."""

@@ -199,10 +199,14 @@ def tcp_sender(
 class Live:
     """`listen` in a thread of this process; what it told is in `events`, as its JSON lines say it.
 
-    With what was `asked` for to be sent, it is sent, and `notes` are the lines for people.
+    With what was `asked` for to be sent, it is sent, and `notes` are the lines for people. `until_down`: it ends with
+    the last link, before silence is told of its vehicles, however late anyone looks.
     """
 
-    def __init__(self, *links: Link, asked: Asked | None = None, **monitor_options: Any) -> None:
+    def __init__(
+        self, *links: Link, asked: Asked | None = None, until_down: bool = False, **monitor_options: Any
+    ) -> None:
+        self._until_down = until_down
         self.events: list[Event] = []
         self.notes: list[str] = []
         self._stations = [
@@ -231,6 +235,11 @@ class Live:
             station.events(told)
         names = [link.name for link in self._links]
         self.events += [json.loads(event_json(event, link_name(event, names))) for event in told]
+        if self._until_down and self._all_down():
+            self._stop.set()
+
+    def _all_down(self) -> bool:
+        return self.names().count("link_down") == len(self._links)
 
     @property
     def thread_id(self) -> int | None:
@@ -251,7 +260,7 @@ class Live:
 
     def wait_for_the_end(self, seconds: float = 60.0) -> None:
         """Wait until every link has gone."""
-        wait_until(lambda: self.names().count("link_down") == len(self._links), seconds)
+        wait_until(self._all_down, seconds)
 
     def names(self) -> list[str]:
         return [event["event"] for event in self.events]

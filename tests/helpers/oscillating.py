@@ -20,6 +20,7 @@ from tests.helpers.craft import (
     attitude_quaternion,
     raw_imu,
 )
+from tests.helpers.turn import Turn
 
 Rates = Callable[[float, Array], Array]  # time, s, and the true rates, rad/s → what the gyro says
 
@@ -58,13 +59,14 @@ def swing(
     rates = np.outer(swings * rate * np.cos(w * since_s), about) + swung.inv().apply([0, 0, np.radians(yaw_deg_s)])
     rates += [1e-3, 5e-4, 0.0]
     force = rotation.inv().apply([0.0, 0.0, -G_M_S2])
+    wxyz = wire.wxyz(rotation).tolist()
 
     beat = mavlink.MAVLink_heartbeat_message(wire.QUADROTOR, wire.ARDUPILOT, 81, 0, 4, 3)
     sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     records: list[Record] = []
     for i, (ms, kind) in enumerate(ticks):
         boot_ms = ms + round(1000 * BOOT_S)
-        now = State(rotation[i], rates[i], force[i])
+        now = State(Turn(*wxyz[i]), rates[i], force[i])
         if kind == "beat":
             messages = [beat]
         elif kind == "attitude":

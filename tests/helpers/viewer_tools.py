@@ -72,6 +72,13 @@ class Drawn:
         times, values = self.rows(entity, component, timeline)
         return times, np.array([value[0] for value in values])
 
+    def moved(self, entity: str, component: str) -> tuple[NDArray[np.int64], Any]:
+        """The same of the frame of `entity`, as a live link's drawing tells those of all entities in one."""
+        times, children = self.numbers("/frames", "Transform3D:child_frame")
+        _, values = self.numbers("/frames", component)
+        mine = children == f"tf#{entity}"
+        return times[mine], values[mine]
+
     def fixed(self, entity: str, component: str) -> list[Any]:
         """The values of a component that never changes, in the order in which they were written."""
         batches = [chunk.to_record_batch() for chunk in self._chunks if chunk.is_static and chunk.entity_path == entity]

@@ -121,10 +121,12 @@ def test_live_is_recorded_over_tcp(name: str, cut: int | None, recording: Record
     frames = flight()
     with tcp_sender(frames, SPEED, cut=cut) as (port, _):
         link = open_link(NetworkUri("tcp", "127.0.0.1", port))
-        with Live(link, on_frames=recording.record) as live:
+        with Live(link, until_down=True, on_frames=recording.record) as live:
             live.wait_for_the_end()
     judged = judgement(live.monitor.close().files[0])
-    assert [name for name in live.names() if name != "diagnosis"][-1] == "link_down"  # a doctor may answer later
+    # Its doctor may answer later; and where this machine is that slow, silence is told in the same round.
+    names = live.names()
+    assert set(names[names.index("link_down") + 1 :]) <= {"diagnosis", "stream_stale"}
     assert sum(len(vehicle["alarms"]) for vehicle in judged) == n_alarms
     assert (judged, alarms(live.events)) == recorded(tlog_of(frames)) == recorded(recording.read())
 

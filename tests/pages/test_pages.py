@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gcs_bridge.cli import main
-from gcs_bridge.pages.curves import Curves
+from gcs_bridge.pages.curves import BootCurves, Curves
 from gcs_bridge.pages.moment import drawn, projected
 from gcs_bridge.pages.page import overview, page
 from gcs_bridge.recordings.faults import parse_fault
@@ -182,3 +182,36 @@ def test_a_browser_draws_it_and_asks_nobody(faulty: Path, width: int, scheme: An
     assert len(inked) == 4
     assert min(inked) > 10
     assert not scrolls
+
+
+@pytest.mark.slow
+@has_browser
+def test_a_heading_past_south_is_drawn_on_both_sides(tmp_path: Path) -> None:
+    """From 155° to −155°: a line at the top for half of the time, one at the bottom for the rest, and none between."""
+    from playwright.sync_api import sync_playwright
+
+    curves, yaw_deg = Curves(), np.repeat([155.0, -155.0], 500)
+    boot = curves.boots.setdefault((1, 1, 0), BootCurves())
+    for form in (boot.euler, boot.quaternion):
+        form.take(np.arange(1000) * 20_000, np.column_stack((0 * yaw_deg, 0 * yaw_deg, yaw_deg)))
+    sheet = tmp_path / "page.html"
+    sheet.write_text(page(file(vehicle("agree"), verdict="agree", path="a.tlog"), curves))
+    with sync_playwright() as tools:
+        browser = tools.chromium.launch(executable_path=shutil.which("chromium"), args=QUIETLY)
+        shown = browser.new_page(viewport={"width": 1000, "height": 900}, color_scheme="light")
+        shown.goto(sheet.as_uri())
+        drawn_yaw = shown.evaluate(
+            """() => {
+            const canvas = document.querySelectorAll("canvas")[2];
+            return [canvas.width, ...canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data];
+            }"""
+        )
+        browser.close()
+    width, *data = drawn_yaw
+    picture = np.array(data, np.int64).reshape(-1, width, 4)
+    coloured = np.abs(picture[..., 2] - picture[..., 0]) > 40  # blue or orange, as the curves are
+    rows, columns = np.nonzero(coloured & (picture[..., 3] > 40))
+    top, bottom = rows < len(picture) / 3, rows > len(picture) / 2.2
+    assert np.all(top | bottom)
+    assert columns[top].max() < columns[bottom].min()
+    assert len(np.unique(columns)) > 0.85 * width

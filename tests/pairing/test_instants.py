@@ -14,8 +14,10 @@ def expected(a: list[Sample], b: list[Sample], after: int, reach: int) -> list[t
     for i, (frame_a, t_a) in enumerate(a):
         for j, (frame_b, t_b) in enumerate(b):
             completed = max(frame_a, frame_b)
+            if t_a != t_b or completed <= after:
+                continue
             came = [sum(frame <= completed for frame, _ in of) for of in (a, b)]
-            if t_a == t_b and completed > after and came[0] - i <= reach and came[1] - j <= reach:
+            if came[0] - i <= reach and came[1] - j <= reach:
                 found.append((completed, i, j))
     return [(i, j) for _, i, j in sorted(found)]
 

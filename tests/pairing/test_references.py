@@ -10,6 +10,7 @@ import pytest
 
 from gcs_bridge import Monitor
 from gcs_bridge.judging.dead_reckoning import MotionTracker
+from gcs_bridge.judging.observation import Observation
 from gcs_bridge.settings import AlignmentSettings, load_settings
 from tests.helpers.craft import BOOT_S, Craft, ahrs2, check, highres_imu
 from tests.helpers.wire import tlog
@@ -38,7 +39,9 @@ def test_no_attitude_is_known_between_samples_further_apart_than_the_settings_al
     settings = msgspec.structs.replace(load_settings(), alignment=AlignmentSettings(max_gap_s=max_gap_s))
     monitor = Monitor(
         settings=settings,
-        observer=lambda seen: moved.append(len(motion) if (motion := tracker.feed(seen.flight)) else 0),
+        observer=lambda seen: moved.append(
+            len(motion) if (motion := tracker.feed(seen.flight.imu_with_attitude)) else 0
+        ),
     )
     monitor.feed_recording(recording(50.0))
     (vehicle,) = monitor.close().to_dict()["files"][0]["vehicles"]
@@ -54,10 +57,12 @@ def test_a_motion_is_not_known_across_a_longer_gap(max_gap_s: float, known: bool
     craft = Craft(imu=lambda t_s, state: None if 8.0 <= t_s < 8.5 else state, hz=20.0, force=lambda t_s, _: pushed(t_s))
     settings = msgspec.structs.replace(load_settings(), alignment=AlignmentSettings(max_gap_s=max_gap_s))
     tracker, velocity = MotionTracker(), [np.empty((0, 3))]
-    monitor = Monitor(
-        settings=settings,
-        observer=lambda seen: velocity.append(m.v_h_m_s if (m := tracker.feed(seen.flight)) else velocity[0]),
-    )
+
+    def observe(observation: Observation) -> None:
+        moved = tracker.feed(observation.flight.imu_with_attitude)
+        velocity.append(velocity[0] if moved is None else moved.v_h_m_s)
+
+    monitor = Monitor(settings=settings, observer=observe)
     monitor.feed_recording(tlog(craft.records(10.0)))
     last = np.concatenate(velocity)[-5:]
     assert np.isfinite(last).all() == known

@@ -93,3 +93,24 @@ def test_what_cannot_be_asked_for() -> None:
     """An unknown message is told before anything is read."""
     with pytest.raises(UsageError, match="no message 'ATTITUD' in dialect all"):
         gcs_bridge.iter_batches("nowhere.tlog", ["ATTITUD"])
+
+
+def test_what_nobody_signed_is_passed_over_on_request(tmp_path: Path) -> None:
+    """Of frames with and without a signature those that the key signed come; without the request all do."""
+    key, path = bytes(range(32)), tmp_path / "signed.tlog"
+    frames = [wire.heartbeat(custom_mode=i, seq=i) for i in range(20)]
+    path.write_bytes(
+        wire.tlog(
+            (wire.START_US + 1000 * i, wire.signed(frame, key, time=10**6 + i) if i % 3 else frame)
+            for i, frame in enumerate(frames)
+        )
+    )
+
+    def modes(**how: Any) -> list[int]:
+        return [int(mode) for one in gcs_bridge.iter_batches(path, **how) for mode in one.fields["custom_mode"]]
+
+    assert modes(signing_key=key, unsigned="reject") == [i for i in range(20) if i % 3]
+    assert modes() == modes(signing_key=key) == list(range(20))
+    assert modes(signing_key=b"!" * 32, unsigned="reject") == []
+    with pytest.raises(UsageError, match="needs the signing key"):
+        gcs_bridge.iter_batches(path, unsigned="reject")

@@ -18,6 +18,7 @@ from tests.helpers.autopilot import (
     Autopilot,
     station_message,
 )
+from tests.helpers.everyday import one_in
 
 OWN = (254, 191)
 STEP_S = 0.02
@@ -108,8 +109,10 @@ def test_an_answer_that_was_lost() -> None:
     assert len(run.said) == 3
 
 
-@pytest.mark.parametrize("to_hz", [4.0, 0.0])
-@pytest.mark.parametrize(("tells_intervals", "knows_none"), [(True, False), (False, False), (True, True)])
+@pytest.mark.parametrize(
+    ("to_hz", "tells_intervals", "knows_none"),
+    one_in(2, [(to_hz, *knows) for to_hz in (4.0, 0.0) for knows in ((True, False), (False, False), (True, True))]),
+)
 def test_another_station_undoes_it(to_hz: float, tells_intervals: bool, knows_none: bool) -> None:
     """As MAVProxy does with 4 Hz: it is asked again, within seconds, and said; by the vehicle's word where it tells."""
     run = Run(Autopilot(tells_intervals=tells_intervals, knows_none=knows_none)).go_on(30)

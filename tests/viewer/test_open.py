@@ -90,6 +90,32 @@ def test_none_shows_nothing_and_needs_no_rerun() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.parametrize("command", [["replay"], ["replay", "--viewer", "web"], ["replay", "--viewer", "save:a.rrd"]])
+def test_without_rerun_what_only_draws_is_refused(
+    command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On a machine that was spared it: one line, which tells how it comes."""
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert main([*command, RECORDING]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "rerun is not installed: pip install rerun-sdk" in line
+
+
+def test_without_rerun_all_else_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A link is listened to, and told why there is no picture; evidence is tables without one."""
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert main(["listen", f"udpin:127.0.0.1:{free_port(19_300)}", "--duration", "0.1", "--plain"]) == 0
+    assert "no picture: rerun is not installed: pip install rerun-sdk" in capsys.readouterr().err
+    recording = str(FIXTURES / "k8_stream_stops.tlog")
+    assert main(["check", recording, "--evidence", str(tmp_path), "-q"]) == 1
+    kinds = {path.suffix for path in tmp_path.rglob("*") if path.is_file()}
+    assert kinds == {".json", ".md", ".parquet"}
+    (page,) = tmp_path.rglob("summary.md")
+    assert "moment.rrd" not in page.read_text()
+
+
 def test_a_window_without_a_display_is_refused_at_once(capsys: pytest.CaptureFixture[str]) -> None:
     """Rerun itself would try for 11 s and then say nothing."""
     began_s = awake_s()

@@ -60,9 +60,10 @@ def test_samples_are_left_out_and_drawn_again(tmp_path: Path) -> None:
     for t_us, frame in flight:
         kept.is_kept = not 1e6 <= t_us - first_us < 2e6
         monitor.feed(frame, t_us)
+        sink.events([])
     sink.close()
     recording.disconnect()
-    times_us, _ = Drawn(tmp_path / "pace.rrd").rows("/vehicle/1.1/body/quaternion", "Transform3D:quaternion")
+    times_us, _ = Drawn(tmp_path / "pace.rrd").moved("/vehicle/1.1/body/quaternion", "Transform3D:quaternion")
     gaps_us = times_us[1:] - times_us[:-1]
     assert len(times_us) > 20
     assert 0.8e6 < gaps_us.max() < 1.3e6

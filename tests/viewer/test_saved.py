@@ -205,7 +205,7 @@ def test_how_the_bytes_were_cut_does_not_change_what_is_drawn(tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_live_attitudes_come_at_once_and_plots_soon(tmp_path: Path) -> None:
-    """Of a live flight each attitude is there within 0.05 s, the plots within 0.2 s; all of them with the next event.
+    """Of a live flight each attitude is there within 0.05 s, the plots within 0.4 s; all of them with the next event.
 
     However many batches bring them, they are drawn some twenty times a second.
     """
@@ -217,10 +217,11 @@ def test_live_attitudes_come_at_once_and_plots_soon(tmp_path: Path) -> None:
     data = (FIXTURES / "b_copter_acro.tlog").read_bytes()[:120_000]
     for at in range(0, len(data), 600):
         told += monitor.feed_recording(data[at : at + 600])
+        sink.events([])
     recording.flush()
 
     def seen() -> list[NDArray[np.int64]]:
-        turns, _ = Drawn(path).rows("/vehicle/1.1/body/quaternion", "Transform3D:quaternion")
+        turns, _ = Drawn(path).moved("/vehicle/1.1/body/quaternion", "Transform3D:quaternion")
         boot_us, roll = Drawn(path).numbers("/vehicle/1.1/roll/quaternion", "Scalars:scalars")
         return [turns, boot_us[~np.isnan(roll)]]
 
@@ -230,10 +231,10 @@ def test_live_attitudes_come_at_once_and_plots_soon(tmp_path: Path) -> None:
     all_attitudes, all_plots = seen()
     assert len(all_attitudes) > 180
     assert 0 <= all_attitudes[-1] - attitudes[-1] <= 50_000
-    assert 0 < len(attitudes) - len(plots) <= 10
-    assert attitudes[-1] - plots[-1] <= 200_000
+    assert 0 < len(attitudes) - len(plots) <= 20
+    assert attitudes[-1] - plots[-1] <= 400_000
     np.testing.assert_array_equal(all_plots, all_attitudes)
-    drawings = [one for one in Drawn(path)._chunks if one.entity_path == "/vehicle/1.1/body/quaternion"]
+    drawings = [one for one in Drawn(path)._chunks if one.entity_path == "/frames"]
     assert len(drawings) < 25 * (all_attitudes[-1] - all_attitudes[0]) / 1e6
 
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.viewer.airframes import airframe_of, shape_of
 from gcs_bridge.viewer.compass import POINTS, rose
-from gcs_bridge.viewer.places import NAME_AT, UNDONE_AT, eye_of, place_of, written_places
+from gcs_bridge.viewer.places import NAME_AT, UNDONE_AT, eye_of, lift_of, place_of, written_places
 from gcs_bridge.viewer.processes import free_port
 from gcs_bridge.viewer.scene import LEGEND
 from tests.helpers import wire
@@ -175,12 +175,22 @@ def _same_sign(*corners: Array) -> bool:
     return bool(np.linalg.norm((low + high) / 2 - (other_low + other_high) / 2) < 0.15)
 
 
-@pytest.mark.parametrize("size", [(545, 440), (545, 415), (1100, 840)])
-@pytest.mark.parametrize("vehicles", [1, 2, 3, 5, 6])
+@pytest.mark.parametrize(
+    ("vehicles", "size"),
+    [
+        (1, (533, 281)),  # with an alarm
+        (1, (533, 305)),
+        (2, (548, 394)),
+        (3, (548, 374)),
+        (5, (698, 338)),
+        *((vehicles, (1100, 620)) for vehicles in (1, 2, 3, 5, 6)),
+    ],
+)
 def test_no_text_covers_another(vehicles: int, size: tuple[int, int]) -> None:
-    """The places of all texts as a camera of 55° sees them, 1280 by 800 and larger: apart, and within the picture.
+    """The places of all texts as a camera of 55° sees them, apart and within the picture: of 1280 by 800, and larger.
 
-    A text is 22 px high, below its place, and of 6.3 px a letter with margins of 10 px, as measured in pictures.
+    A text is 22 px high, below its place, and of 6.3 px a letter with margins of 10 px, as measured in pictures: in the
+    light theme they are boxes.
     """
     eye, places = eye_of(vehicles), written_places(vehicles)
     texts: list[tuple[Any, str]] = [
@@ -189,7 +199,7 @@ def test_no_text_covers_another(vehicles: int, size: tuple[int, int]) -> None:
     texts += zip(places.tips, ("north", "east", "down"), strict=True)
     for number in range(vehicles):
         stands = np.array(place_of(number))
-        texts.append((stands + NAME_AT, "1.1 NO COMPARE"))
+        texts.append((stands + NAME_AT + lift_of(number), "1.1 NO COMPARE"))
         if not number:  # several with a diagnosis at once may have no room
             texts.append((stands + UNDONE_AT, "yaw_offset 25.0° undone"))
     boxes: list[tuple[str, float, float, float, float]] = []

@@ -14,17 +14,36 @@
     return { times, one: spread(one), other: spread(other) };
   }
 
-  // A curve that turns from 180 to -180 is broken there, not drawn across.
-  function unbroken(values) {
-    const shown = values.slice();
+  // Angles that go on past 180, and come back within it once they are well past: a heading that sways about south is
+  // one curve. A curve beside another takes the same turns. Where one comes back it is broken, not drawn across.
+  const PAST = 20;
+  function unrolled(times, values, beside) {
+    const shown = [];
+    const breaks = [];
     let before = null;
-    for (let i = 0; i < shown.length; i++) {
-      if (shown[i] === undefined) continue;
-      if (before !== null && shown[i] !== null && Math.abs(shown[i] - before) > 180) shown[i] = null;
-      else before = shown[i];
-    }
-    return shown;
+    let since = null;
+    let guide = null;
+    values.forEach((value, at) => {
+      guide = beside?.[at] ?? guide;
+      if (value == null) return shown.push(value);
+      const near = guide ?? before ?? value;
+      let angle = value + 360 * Math.round((near - value) / 360);
+      if (guide === null && Math.abs(angle) > 180 + PAST) angle = value;
+      if (before !== null && Math.abs(angle - before) > 180) breaks.push([since, times[at]]);
+      shown.push(angle);
+      before = angle;
+      since = times[at];
+    });
+    return { shown, breaks };
   }
+
+  // What is not drawn of a curve, in pixels: beside its own gaps where it is broken, however near two samples are.
+  const gaps = (breaks) => (plot, _, from, to, own) => {
+    const all = [...own, ...breaks.map(([a, b]) => [plot.valToPos(a, "x", true) - 2, plot.valToPos(b, "x", true) + 2])];
+    all.sort((a, b) => a[0] - b[0]);
+    for (let i = 1; i < all.length; i++) all[i] = [Math.max(all[i][0], all[i - 1][1]), Math.max(all[i][1], all[i - 1][1])];
+    return all;
+  };
 
   function shade(spans) {
     return (plot) => {
@@ -69,9 +88,12 @@
     const place = document.querySelector(`.plots[data-id="${boot.id}"]`);
     const { times, one, other } = joined(boot.euler, boot.quaternion);
     ["roll", "pitch", "yaw"].forEach((angle, i) => {
-      const wraps = angle === "pitch" ? (v) => v : unbroken;
+      const quaternion = unrolled(times, other[i]);
+      const euler = unrolled(times, one[i], quaternion.shown);
       const series = [line("quaternion", "quaternion"), line("Euler", "euler", [6, 4])];
-      plot(place, angle + ", °", [times, wraps(other[i]), wraps(one[i])], series, boot.alarms, {});
+      [quaternion, euler].forEach(({ breaks }, which) => (series[which].gaps = gaps(breaks)));
+      series.forEach((curve) => (curve.value = (_, v) => degrees(v == null ? v : ((v + 540) % 360) - 180)));
+      plot(place, angle + ", °", [times, quaternion.shown, euler.shown], series, boot.alarms, {});
     });
     // As powers of ten, so that both 0.01 and 90 can be read; what is less than a thousandth is drawn there.
     const floored = (values) => values.map((v) => (v === null ? null : Math.max(v, 0.001)));

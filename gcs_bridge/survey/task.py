@@ -1,0 +1,205 @@
+"""What a worker does with one file: it brings it here if it is elsewhere, judges it, and gives back rows."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec.structs import replace
+
+from gcs_bridge.contract import readable
+from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError, one_line
+from gcs_bridge.files import INSIDE, file_of, write_file
+from gcs_bridge.pages.curves import Curves
+from gcs_bridge.pages.files import page_name
+from gcs_bridge.pages.page import page
+from gcs_bridge.recordings.check import check_file
+from gcs_bridge.recordings.packed import recordings_in
+from gcs_bridge.report.schema import File
+from gcs_bridge.settings import Settings
+from gcs_bridge.survey.found import is_url, opened_at, stamp_of, why_not
+from gcs_bridge.survey.rows import Row, alarm_rows, check_rows, folder_of, recording_row, start_us
+
+__all__ = ["MANIFEST", "Asked", "Pages", "Result", "Task", "survey_one"]
+
+MANIFEST = "survey.json"
+_PIECE = 2**20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pages:
+    """Which recordings get a page, and where it goes: into the dataset's folder, if this machine has it, too."""
+
+    folder: str
+    token: str  # of the dataset that is meant
+    every: bool  # not only those with an alarm or a warning
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What is the same for all files."""
+
+    settings: Settings
+    judged_by: Mapping[str, Any]  # arguments of a `Monitor`
+    settings_digest: str
+    pages: Pages | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """One file, or with `inside` one recording in it; `known`: contents of its size that were judged."""
+
+    asked: Asked
+    path: str
+    size: int | None = None
+    stamp: str = ""
+    inside: str | None = None
+    known: frozenset[str] = frozenset()
+    of: int = 1  # so many recordings are in the file
+
+
+class Result(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of it: rows; or that it is known, holds several, or cannot be used."""
+
+    recording: Row | None = None
+    checks: list[Row] = []
+    alarms: list[Row] = []
+    known: str | None = None
+    """The content, where that was judged already."""
+    inside: list[str] = []
+    """What is in it, where that is more than one recording."""
+    bytes: int = 0
+    """That were read."""
+    failure: str | None = None
+    """Why it cannot be used, in one line."""
+    stop: str | None = None
+    """Why no other need be tried: what is asked for cannot be done, or nothing can be written."""
+
+
+def survey_one(task: Task) -> Result:
+    """Do it. Whatever goes wrong is part of the result: one file must not end the survey of a million."""
+    named = task.path if task.inside is None else f"{task.path}{INSIDE}{task.inside}"
+    try:
+        with _here(task) as (local, size, stamp):
+            return _surveyed(task, named, local, size, stamp)
+    except UsageError as error:
+        return Result(stop=str(error))
+    except GcsBridgeError as error:
+        return Result(failure=one_line(str(error)))
+    except MemoryError:
+        return Result(failure=f"{named}: there is too little memory to judge it")
+    except OSError as error:
+        return Result(failure=f"{named}: cannot be read: {one_line(error.strerror or str(error))}")
+    except Exception as error:  # noqa: BLE001  # a mistake of ours, which is told, and costs this file alone
+        said = f"{type(error).__name__}: {error}"
+        return Result(failure=f"{named}: a mistake of gcs-bridge, please report it: {one_line(said)}")
+
+
+def _surveyed(task: Task, named: str, local: Path, size: int, stamp: str) -> Result:
+    """The same of a file that is on this machine."""
+    file, inside = (local, task.inside) if task.inside is not None else file_of(local)
+    content = _digest(file)
+    if inside is None and len(names := recordings_in(file)) > 1:
+        return Result(inside=[str(name).partition(INSIDE)[2] for name in names])
+    if inside is not None:
+        content = hashlib.blake2b(f"{content}{INSIDE}{inside}".encode("utf-8", "replace"), digest_size=16).hexdigest()
+    if content in task.known:
+        return Result(known=content, bytes=size)
+    meant = file if inside is None else Path(f"{file}{INSIDE}{inside}")
+    asked, curves = task.asked, Curves()
+    pages = asked.pages if asked.pages is not None and _has(asked.pages.folder, asked.pages.token) else None
+    try:
+        entry = check_file(meant, asked.settings, **asked.judged_by, sinks=[] if pages is None else [curves])
+    except SourceError as error:
+        raise SourceError(str(error).replace(str(file), readable(task.path))) from None
+    entry = replace(entry, path=readable(named))
+    written = None if pages is None else _page(pages, entry, curves, content)
+    known_by = {
+        "content": content,
+        "path": entry.path,
+        "folder": folder_of(readable(task.path)),
+        "start_utc": start_us(entry),
+    }
+    of_file = {"settings": asked.settings_digest, "file_bytes": size, "stamp": stamp, "recordings_in_file": task.of}
+    return Result(
+        recording=recording_row(entry, known_by, written) | of_file,
+        checks=check_rows(entry, known_by),
+        alarms=alarm_rows(entry, known_by),
+        bytes=size,
+    )
+
+
+@contextmanager
+def _here(task: Task) -> Iterator[tuple[Path, int, str]]:
+    """The file on this machine, its size and stamp; what is elsewhere is copied, and the copy goes again."""
+    if not is_url(task.path):
+        path = Path(task.path)
+        try:
+            status = file_of(path)[0].stat()
+        except OSError:  # who reads it will tell
+            yield path, task.size or 0, task.stamp
+            return
+        yield path, status.st_size, str(status.st_mtime_ns)
+        return
+    with tempfile.TemporaryDirectory(prefix="gcs-bridge-") as folder:
+        url, inside = _split(task.path)
+        copy = Path(folder, url.rstrip("/").rpartition("/")[2] or "recording")
+        try:
+            files, root = opened_at(url)
+            stamp = task.stamp or stamp_of(files.info(root))
+            files.get_file(root, str(copy))
+        except UsageError:
+            raise
+        except Exception as error:  # noqa: BLE001  # each file system has errors of its own
+            raise SourceError(f"{task.path}: cannot be read: {why_not(error)}") from None
+        yield Path(f"{copy}{INSIDE}{inside}") if inside else copy, copy.stat().st_size, stamp
+
+
+def _split(url: str) -> tuple[str, str | None]:
+    """A URL, and which of the recordings in that file is meant; fsspec's own chains, `zip://…::s3://…`, stay whole."""
+    file, _, inside = url.rpartition(INSIDE)
+    return (file, inside) if file and not is_url(inside) else (url, None)
+
+
+def _digest(path: Path) -> str:
+    """Of all bytes of a file, 128 bits of BLAKE2; where it cannot be read, who judges it will tell why."""
+    digest = hashlib.blake2b(digest_size=16)
+    try:
+        with path.open("rb", buffering=0) as file:
+            while piece := file.read(_PIECE):
+                digest.update(piece)
+    except OSError:
+        return ""
+    return digest.hexdigest()
+
+
+@lru_cache(maxsize=4)
+def _has(folder: str, token: str) -> bool:
+    """Whether the dataset that is meant is in a folder of this machine."""
+    try:
+        manifest = msgspec.json.decode(Path(folder, MANIFEST).read_bytes())
+    except (OSError, msgspec.DecodeError):
+        return False
+    return isinstance(manifest, dict) and manifest.get("token") == token and os.access(folder, os.W_OK)
+
+
+def _page(pages: Pages, entry: File, curves: Curves, content: str) -> str | None:
+    """Write a recording's page, if it gets one; its place in the dataset. UsageError: it cannot be written."""
+    if not pages.every and not any(vehicle.alarms for vehicle in entry.vehicles):
+        return None
+    place = f"pages/{content[:2]}/{page_name(entry.path)}-{content[:8]}.html"
+    path = Path(pages.folder, place)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"cannot write {path.parent}: {error.strerror}") from None
+    write_file(page(entry, curves, back="../../index.html"), path)
+    return place
