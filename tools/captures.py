@@ -31,6 +31,7 @@ NOT_RUN = {
     r"^\.venv/bin/pytest|^(\.venv/bin/)?sphinx-build": "is how tests are run; tests/site/test_built.py builds the site",
     r"^gcs-bridge (listen|demo)\b": "waits on a link until it is stopped: tests/cli/test_listen.py, test_demo.py",
     r"^gcs-bridge doctor (udpin|tcp|/dev)": "waits on a link for ten seconds: tests/inspection/",
+    r"^gcs-bridge survey .*(s3://|--scheduler)|^dask ": "needs a bucket or a scheduler: tests/survey/ brings its own",
     r"^curl ": "asks a program that listens: tests/metrics/",
     r"^rerun ": "opens a window: tests/viewer/test_importer.py runs the importer",
     r"^python -m benchmarks\b": "takes minutes",

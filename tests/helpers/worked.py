@@ -44,9 +44,7 @@ class Inline:
 
     workers = 1
 
-    def run(
-        self, work: Callable[[TaskT], ResultT], tasks: Iterable[TaskT | None]
-    ) -> Iterator[Outcome[TaskT, ResultT]]:
+    def run(self, work: Callable[[TaskT], ResultT], tasks: Iterable[TaskT | None]) -> Iterator[Outcome[TaskT, ResultT]]:
         for task in tasks:
             assert task is not None
             yield Outcome(task, work(task))

@@ -57,7 +57,9 @@ def flights() -> list[tuple[str, dict[str, Any], list[dict[str, Any]], list[dict
                 "residual_p99": 0.001 * number if folder == "a" else None,
             },
         ]
-        raised = [{"check": "euler_quaternion", "severity": "alarm", "what": "w", "cause": cause} for _, cause in alarms]
+        raised = [
+            {"check": "euler_quaternion", "severity": "alarm", "what": "w", "cause": cause} for _, cause in alarms
+        ]
         made.append((content, recording, [vehicle | one for one in checks], [vehicle | one for one in raised]))
     return made
 
@@ -88,7 +90,13 @@ def of_verdicts() -> Iterable[tuple[Any, ...]]:
 
 def of_worst() -> Iterable[tuple[Any, ...]]:
     found = [
-        (f"{content}.tlog", one["alarms"], one["first_alarm"], one["first_cause"], one["alarms"] * 3600 / one["flight_s"])
+        (
+            f"{content}.tlog",
+            one["alarms"],
+            one["first_alarm"],
+            one["first_cause"],
+            one["alarms"] * 3600 / one["flight_s"],
+        )
         for content, one, _, _ in FLIGHTS
         if one["alarms"]
     ]
