@@ -1,6 +1,8 @@
 """What the pages tell people to type: it runs, and says what the page shows; or the reason not to run it is here."""
 
+import platform
 import re
+import sys
 from pathlib import Path
 
 import click
@@ -13,6 +15,9 @@ from tools.site_pages import PAGES, all_commands, as_shown, inline_code
 
 EVERYDAY = ("docs/quick-start.md",)
 """The others are slow."""
+
+SHOWN_BY = (sys.platform, platform.machine()) == ("linux", "x86_64")
+"""Whether this is a machine as the pages' outputs are of: elsewhere the last digit of noise may be another."""
 
 
 def understood(line: str) -> None:
@@ -31,6 +36,7 @@ def understood(line: str) -> None:
         pass  # --help and --list end here
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="pages speak to the shells of Linux and macOS")
 @pytest.mark.parametrize(
     "page", [pytest.param(page, marks=[] if page in EVERYDAY else [pytest.mark.slow]) for page in PAGES if typed(page)]
 )
@@ -43,7 +49,7 @@ def test_a_page_s_commands_run_and_say_what_it_shows(
     for line, shown in typed(page):
         code, said = run(line)
         assert code in (0, 1, 4), (line, said)
-        if shown is not None:
+        if shown is not None and SHOWN_BY:
             now = said.rstrip("\n") + "\n"
             stale = f"{page} shows of `{line}`:\n{shown}\nnow:\n{said}\npython -m tools.captures writes it anew"
             assert as_shown(shown).fullmatch(now), stale
