@@ -28,7 +28,9 @@ class Unwatched:
         pass
 
 
-def surveyed(paths: Iterable[Any], folder: Path, *, digest: str = DIGEST, version: str = "1", pages: bool = False) -> Ran:
+def surveyed(
+    paths: Iterable[Any], folder: Path, *, digest: str = DIGEST, version: str = "1", pages: bool = False
+) -> Ran:
     """Survey some paths into a folder, in this process."""
     with Dataset(folder, version, digest) as dataset:
         return surveyed_into(dataset, paths, pages=pages)
@@ -56,7 +58,10 @@ def rows(folder: Path, table: str) -> list[dict[str, Any]]:
 
 
 def handmade(
-    content: str, recording: dict[str, Any], checks: Iterable[dict[str, Any]] = (), alarms: Iterable[dict[str, Any]] = ()
+    content: str,
+    recording: dict[str, Any],
+    checks: Iterable[dict[str, Any]] = (),
+    alarms: Iterable[dict[str, Any]] = (),
 ) -> Result:
     """What a worker would give back, of the values that are given; all others are unknown."""
     known_by = {"content": content, "path": f"{content}.tlog", "folder": "logs", "start_utc": None}

@@ -139,6 +139,10 @@ def test_a_scheduler_that_goes(cluster: Running, tmp_path: Path) -> None:
             return super().add(result)
 
     dataset = Watched(tmp_path / "out", "1", DIGEST)
-    with pytest.raises(UsageError, match=r"has gone|have gone"), dataset, Cluster(cluster.address, alone_s=1) as executor:
+    with (
+        pytest.raises(UsageError, match=r"has gone|have gone"),
+        dataset,
+        Cluster(cluster.address, alone_s=1) as executor,
+    ):
         surveyed_into(dataset, [logs], executor=executor)
     assert 0 < len(rows(tmp_path / "out", "recordings")) < 12

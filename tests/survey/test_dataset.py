@@ -13,6 +13,7 @@ import pytest
 
 from gcs_bridge.errors import UsageError
 from gcs_bridge.survey import dataset as dataset_module
+from gcs_bridge.survey import parts
 from gcs_bridge.survey import run as run_module
 from gcs_bridge.survey.dataset import Dataset
 from gcs_bridge.survey.task import Result, Task, survey_one
@@ -101,12 +102,10 @@ def test_killed_in_the_middle_of_a_line(flights: Path, tmp_path: Path, judged: l
 
 
 @pytest.mark.parametrize("table", ["alarms", "checks", "recordings", "none"])
-def test_killed_between_the_tables(
-    table: str, flights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_killed_between_the_tables(table: str, flights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A part of some tables is there, of others not: in the end there is each row once."""
-    out, write = tmp_path / "out", dataset_module.write_part
-    surveyed([sorted(flights.iterdir())[0]], out)  # the part is there, and grows
+    out, write = tmp_path / "out", parts.write_part
+    surveyed([min(flights.iterdir())], out)  # the part is there, and grows
 
     def killed(path: Path, *others: Any) -> None:
         if path.parent.name == table:
@@ -214,7 +213,13 @@ def test_failures_are_tried_twice_and_told(flights: Path, tmp_path: Path, monkey
     monkeypatch.setattr(run_module, "survey_one", watched)
     ran = surveyed([flights, flights / "gone.tlog"], tmp_path / "out")
     assert (ran.judged, ran.retried) == (5, 4)
-    assert [tried.count(name) for name in ("0.tlog", "1.tlog", "empty.tlog", "text.tlog", "gone.tlog")] == [2, 1, 2, 2, 2]
+    assert [tried.count(name) for name in ("0.tlog", "1.tlog", "empty.tlog", "text.tlog", "gone.tlog")] == [
+        2,
+        1,
+        2,
+        2,
+        2,
+    ]
     assert len(ran.failures) == 3
     assert all(Path(line.partition(": ")[0]).name in {"empty.tlog", "text.tlog", "gone.tlog"} for line in ran.failures)
     assert surveyed([flights], tmp_path / "out").retried == 2

@@ -69,7 +69,11 @@ def test_over_http(web: str, tmp_path: Path, asked_for: list[str]) -> None:
     ran = surveyed([f"{web}/", f"{web}/one.tlog"], out)
     assert (ran.failures, ran.judged) == ([], 3)
     found = {row["path"]: row["bytes"] for row in rows(out, "recordings")}
-    assert found == {f"{web}/one.tlog": len(DATA), f"{web}/below/two.tlog": len(DATA), f"{web}/below/packed.zip": len(DATA)}
+    assert found == {
+        f"{web}/one.tlog": len(DATA),
+        f"{web}/below/two.tlog": len(DATA),
+        f"{web}/below/packed.zip": len(DATA),
+    }
     asked_for.clear()
     again = surveyed([f"{web}/"], out)
     assert (again.judged, again.known) == (0, 3)
