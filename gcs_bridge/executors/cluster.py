@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import Any, TypeVar
@@ -23,7 +24,7 @@ ResultT = TypeVar("ResultT")
 _PATIENCE_S = 10.0  # for the scheduler to answer, and for a first worker
 _ALONE_S = 60.0  # so long there may be no worker at all, as when all are replaced
 _LOOK_AGAIN_S = 2.0
-_AHEAD = 2  # tasks for each thread of the workers: while one is worked on, the next is on its way
+_LEAST_AHEAD, _MOST_AHEAD = 2, 4  # tasks for each thread of the workers: they are sent by the batch, as each costs
 _EXTRA = "pip install 'gcs-bridge[cluster]'"
 
 
@@ -76,45 +77,52 @@ class Cluster:
         """As of an `Executor`."""
         waiting, out = iter(tasks), dict[Any, TaskT]()
         done: SimpleQueue[Any] = SimpleQueue()
-        room, looked_s = self._room(), time.monotonic()
+        threads, looked_s = self.workers, time.monotonic()
+        seen_s = looked_s
 
         def hand_out() -> None:
-            while len(out) < room and (task := next(waiting, None)) is not None:
-                future = self._client.submit(work, task, pure=False)
-                out[future] = task
+            workers = max(threads, 1)  # all may be gone for a moment
+            if len(out) > _LEAST_AHEAD * workers:
+                return
+            batch: list[TaskT] = []
+            while len(out) + len(batch) < _MOST_AHEAD * workers and (task := next(waiting, None)) is not None:
+                batch.append(task)
+            futures = self._client.map(work, batch, pure=False) if batch else []
+            out.update(zip(futures, batch, strict=True))
+            for future in futures:
                 future.add_done_callback(done.put)
 
         hand_out()
-        seen_s = time.monotonic()
         while out:
             if time.monotonic() - looked_s > _LOOK_AGAIN_S:  # workers come and go
-                room, looked_s = self._room(), time.monotonic()
-                seen_s = looked_s if room else seen_s
+                threads, looked_s = self.workers, time.monotonic()
+                seen_s = looked_s if threads else seen_s
                 if looked_s - seen_s > self._alone_s:
                     raise UsageError(f"--scheduler {self._address}: all its workers have gone")
-            try:
-                future = done.get(timeout=_LOOK_AGAIN_S)
-            except Empty:
-                continue
-            task = out.pop(future)
-            hand_out()
-            yield self._outcome(task, future)
+            ended = _taken(done)
+            if ended:
+                outcomes: list[Outcome[TaskT, ResultT]] = self._outcomes([(out.pop(one), one) for one in ended])
+                hand_out()
+                yield from outcomes
             hand_out()
 
-    def _room(self) -> int:
-        return _AHEAD * self.workers
-
-    def _outcome(self, task: TaskT, future: Any) -> Outcome[TaskT, Any]:
+    def _outcomes(self, ended: Sequence[tuple[TaskT, Any]]) -> list[Outcome[TaskT, Any]]:
+        """Of tasks that are done; the results come all at once."""
         from distributed import CancelledError, KilledWorker
 
+        there = [future for _, future in ended if future.status == "finished"]
+        outcomes: list[Outcome[TaskT, Any]] = []
         try:
-            return Outcome(task, future.result())
-        except KilledWorker as error:
-            return Outcome(
-                task, None, lost=f"each worker that was at it died: {one_line(str(error)).partition('. ')[0]}"
-            )
+            results = dict(zip(there, self._client.gather(there), strict=True))
+            for task, future in ended:
+                try:
+                    outcomes.append(Outcome(task, results[future] if future in results else future.result()))
+                except KilledWorker as error:
+                    died = one_line(str(error)).partition(". ")[0]
+                    outcomes.append(Outcome(task, None, lost=f"each worker that was at it died: {died}"))
         except (CancelledError, OSError):
             raise UsageError(f"--scheduler {self._address}: the scheduler has gone") from None
+        return outcomes
 
     def __enter__(self) -> Cluster:
         return self
@@ -124,6 +132,16 @@ class Cluster:
     ) -> None:
         """Let the cluster go on without us: what is still out is cancelled with its client."""
         self._client.close(timeout=5)
+
+
+def _taken(done: SimpleQueue[Any]) -> list[Any]:
+    """All that is in it; what comes first is waited for, for a while."""
+    taken: list[Any] = []
+    with suppress(Empty):
+        taken.append(done.get(timeout=_LOOK_AGAIN_S))
+        while True:
+            taken.append(done.get_nowait())
+    return taken
 
 
 def _version_there() -> str:

@@ -47,6 +47,8 @@ def test_a_constant_bias_is_healthy(bias: tuple[float, float, float]) -> None:
     assert alarms(vehicle) == []
     assert check(vehicle, "gyro")["verdict"] == "agree"
     assert check(vehicle, "gyro")["residual"]["max"] < 1
+    assert check(vehicle, "gyro")["bias"] == pytest.approx(bias, abs=0.05)  # and is told
+    assert "bias" not in check(vehicle, "gravity")
 
 
 def test_a_large_constant_bias_is_learned() -> None:

@@ -34,9 +34,12 @@ def begin_and_wait(file: str) -> None:
     time.sleep(600)
 
 
-def begin_or_square(task: str | int) -> int | None:
-    """One that is never done, or one that is done at once."""
-    return begin_and_wait(task) if isinstance(task, str) else squared(task)
+def begin_or_square(task: str) -> int | None:
+    """One that is never done, or, of a number, one that is done at once."""
+    if task.isdigit():
+        return squared(int(task))
+    begin_and_wait(task)
+    return None
 
 
 class Inline:

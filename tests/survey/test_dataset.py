@@ -13,6 +13,7 @@ import pytest
 
 from gcs_bridge.errors import UsageError
 from gcs_bridge.survey import dataset as dataset_module
+from gcs_bridge.survey import parts
 from gcs_bridge.survey import run as run_module
 from gcs_bridge.survey.dataset import Dataset
 from gcs_bridge.survey.task import Result, Task, survey_one
@@ -103,8 +104,8 @@ def test_killed_in_the_middle_of_a_line(flights: Path, tmp_path: Path, judged: l
 @pytest.mark.parametrize("table", ["alarms", "checks", "recordings", "none"])
 def test_killed_between_the_tables(table: str, flights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A part of some tables is there, of others not: in the end there is each row once."""
-    out, write = tmp_path / "out", dataset_module.write_part
-    surveyed([sorted(flights.iterdir())[0]], out)  # the part is there, and grows
+    out, write = tmp_path / "out", parts.write_part
+    surveyed([min(flights.iterdir())], out)  # the part is there, and grows
 
     def killed(path: Path, *others: Any) -> None:
         if path.parent.name == table:

@@ -46,7 +46,7 @@ def flights() -> list[tuple[str, dict[str, Any], list[dict[str, Any]], list[dict
         }
         vehicle = {"sysid": 1, "compid": 1, "type": "quadrotor"}
         bias = BIAS_Z[at] if folder == "a" else 0.5
-        checks = [
+        checks: list[dict[str, Any]] = [
             {"check": "gyro", "verdict": "agree", "unit": "deg/s", "bias_z": bias, "residual_p99": 1.0 + number},
             {
                 "check": "euler_quaternion",
@@ -76,8 +76,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             dataset.add(handmade(content, recording | {"verdict": "agree"}, checks))
     with pytest.MonkeyPatch.context() as patched, Dataset(made / "fleet", "1", "now") as dataset:
         patched.setattr("gcs_bridge.survey.dataset._PART", 4)
-        for content, *rows in FLIGHTS:
-            dataset.add(handmade(content, *rows))
+        for content, recording, checks, alarms in FLIGHTS:
+            dataset.add(handmade(content, recording, checks, alarms))
     return made
 
 
