@@ -152,7 +152,7 @@ def test_the_layout_shows_everything_without_a_click(tmp_path: Path, port: int) 
 
 def begin_us(viewer: Headless) -> int:
     """Of what it has been given so far."""
-    (line,) = [line for line in viewer.client.get_state().recordings[0].timelines if line.name == "boot"]
+    (line,) = [line for line in viewer.state().recordings[0].timelines if line.name == "boot"]
     return int(line.start) // 1000
 
 
