@@ -21,7 +21,7 @@ def flown(*given: Any, **more: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     ("sampled_hz", "imu_hz", "place", "ratio"),
-    one_in(4, [(*streams, ratio) for ratio, streams in in_turns(2, RATIOS, STREAMS)]),
+    one_in(7, [(*streams, ratio) for ratio, streams in in_turns(2, RATIOS, STREAMS)]),
 )
 def test_a_swing_that_the_samples_miss_is_no_fault(
     sampled_hz: float, imu_hz: float, place: float, ratio: float
@@ -55,7 +55,9 @@ def off(deg_s: float, since_s: float = 25.0) -> Any:
 
 
 @pytest.mark.parametrize("message", [raw_imu, highres_imu])
-@pytest.mark.parametrize(("sampled_hz", "hz", "deg_s"), [(4, 0.2, 20), (10, 0.5, 60), (25, 1, 60), (50, 2, 100)])
+@pytest.mark.parametrize(
+    ("sampled_hz", "hz", "deg_s"), one_in(2, [(4, 0.2, 20), (10, 0.5, 60), (25, 1, 60), (50, 2, 100)])
+)
 def test_a_gyro_that_is_off_in_motion(sampled_hz: float, hz: float, deg_s: float, message: Any) -> None:
     """A lane switch of 45.9 °/s, while the vehicle swings with five samples a period or more: an alarm in 3 s."""
     found = alarms(flown(hz, deg_s, sampled_hz=sampled_hz, gyro=off(45.9), imu_message=message), "gyro")

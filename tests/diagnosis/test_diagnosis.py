@@ -340,12 +340,12 @@ def test_one_mistake_that_barely_explains_stands_beside_two(tmp_path: Path) -> N
 BENCH = [  # roll and pitch in degrees, yaw as it goes, what was sent, and which of the candidates is the truth
     ("level, yawing", 0.0, np.linspace(20, 80, 250), "yaw_sign"),
     ("level, yawing", 0.0, np.linspace(20, 80, 250), "quaternion_conjugate"),
+    ("steadily banked, yawing", 20.0, np.linspace(20, 80, 250), "roll_sign"),
     ("level, yawing", 0.0, np.linspace(20, 80, 250), "nwu_flu"),
-    ("level, yawing", 0.0, np.linspace(20, 80, 250), "yaw_offset"),
     ("level, still", 0.0, np.full(250, 50.0), "yaw_sign"),
     ("level, still", 0.0, np.full(250, 50.0), "yaw_offset"),
+    ("level, yawing", 0.0, np.linspace(20, 80, 250), "yaw_offset"),
     ("level, still", 0.0, np.full(250, 50.0), "quaternion_conjugate"),
-    ("steadily banked, yawing", 20.0, np.linspace(20, 80, 250), "roll_sign"),
 ]
 
 
@@ -356,7 +356,9 @@ def mistaken(fault: str, true: Rotation) -> dict[str, Array]:
     return {"wxyz": wxyz(oracle._made(true, fault, (12.0,)))}
 
 
-@pytest.mark.parametrize(("how", "roll_deg", "yaw_deg", "fault"), BENCH, ids=[f"{b[0]}: {b[3]}" for b in BENCH])
+@pytest.mark.parametrize(
+    ("how", "roll_deg", "yaw_deg", "fault"), one_in(2, BENCH), ids=[f"{b[0]}: {b[3]}" for b in BENCH]
+)
 def test_a_bench_cannot_tell(how: str, roll_deg: float, yaw_deg: Array, fault: str) -> None:
     """Two to four candidates are named, the truth and others; SciPy undoes each, and each fits; the fix is a motion."""
     t_s, true, rates = turning(yaw_deg, roll_deg=roll_deg)

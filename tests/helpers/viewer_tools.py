@@ -163,6 +163,14 @@ class Headless:
         found.get_state()
         return found
 
+    @staticmethod
+    def _answer(ask: Callable[[], Any]) -> Any:
+        """What it answers, asked again while it does not: on a busy machine a call may find no viewer in time."""
+        return eventually(lambda: (ask(),))[0]
+
+    def state(self) -> Any:
+        return self._answer(self.client.get_state)
+
     def wait_for(self, timeline: str, time_us: int) -> Any:
         """The recording that reaches so far; waits until it is loaded."""
 
@@ -178,12 +186,13 @@ class Headless:
 
     def go_to(self, time_us: int, timeline: str = "boot") -> None:
         """Put the cursor to the time of a sample."""
-        self.client.set_time(timeline, duration=np.timedelta64(time_us, "us"), play_state="paused")
+        at = np.timedelta64(time_us, "us")
+        self._answer(lambda: self.client.set_time(timeline, duration=at, play_state="paused"))
         self._at_ns = time_us * 1000
 
     def edge(self, entity: str) -> dict[str, Any]:
         """How the viewer places `entity` in its parent, at the cursor."""
-        graph = self.client.get_transform_graph(include_transforms=True)
+        graph = self._answer(lambda: self.client.get_transform_graph(include_transforms=True))
         (found,) = [edge for edge in graph["edges"] if edge["child"] == f"tf#{entity}"]
         return dict(found)
 
@@ -198,7 +207,7 @@ class Headless:
 
     def views(self) -> list[str]:
         """The classes of its views, sorted."""
-        return sorted(view.view_class for view in self.client.get_state().views)
+        return sorted(view.view_class for view in self.state().views)
 
     def shows(self, what: Callable[[Picture], object], only: str | None = None) -> None:
         """Wait for a screenshot, of the view of one class if asked, of which `what` asserts nothing in vain."""
@@ -213,7 +222,7 @@ class Headless:
         eventually(shown)
 
     def errors(self) -> list[Any]:
-        return [report for view in self.client.get_state().views for report in view.reports]
+        return [report for view in self.state().views for report in view.reports]
 
 
 @contextmanager

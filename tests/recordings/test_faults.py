@@ -172,7 +172,7 @@ UNTURNED = {"quaternion_unnormalised", "euler_rates"}
 CAUSE_NAMES = [c.name for c in CAUSES.values() if c.falsify is not None and c.name not in UNTURNED]
 
 
-@pytest.mark.parametrize("cause", one_in(4, CAUSE_NAMES))
+@pytest.mark.parametrize("cause", one_in(8, CAUSE_NAMES))
 def test_every_cause_raises_an_alarm_in_acro(cause: str) -> None:
     """In acro every mistake of the table shows, and gets its name: an alarm behind its onset and none before."""
     vehicle = judged(falsified("b_copter_acro", cause, from_s=20.0))[1]

@@ -152,7 +152,7 @@ def test_the_layout_shows_everything_without_a_click(tmp_path: Path, port: int) 
 
 def begin_us(viewer: Headless) -> int:
     """Of what it has been given so far."""
-    (line,) = [line for line in viewer.client.get_state().recordings[0].timelines if line.name == "boot"]
+    (line,) = [line for line in viewer.state().recordings[0].timelines if line.name == "boot"]
     return int(line.start) // 1000
 
 
@@ -205,7 +205,7 @@ GROWN = 2_000_000  # bytes; the server's history of 25 s of flight would be twic
 
 
 class Flight:
-    """500 messages a second, drawn as fast as they can be; remembers for how long a batch waited for somebody at most.
+    """500 messages a second, drawn as fast as they can be; remembers for how long each batch waited for somebody.
 
     Waiting for a processor does not count: that is the other tests' doing.
     """
@@ -215,20 +215,17 @@ class Flight:
         self._batches = iter([flight[i : i + 50] for i in range(0, len(flight), 50)])  # 0.1 s, as of a live link
         self._sink = viewer.recording("flight")
         self._monitor = Monitor(observer=self._sink.observe)
-        self.slowest_s = self.slowest_second_s = 0.0
+        self.waited_s: list[float] = []
 
     def fly(self, seconds: int) -> int:
         """How many bytes the process has grown by."""
         before = resident_bytes()
         for _ in range(seconds):
-            took_s = []
             for batch in islice(self._batches, 10):
                 began_s = awake_s()
                 self._sink.events(self._monitor.feed(b"".join(frame for _, frame in batch), batch[-1][0]))
-                took_s.append(awake_s() - began_s)
+                self.waited_s.append(awake_s() - began_s)
                 time.sleep(0.002)
-            self.slowest_s = max(self.slowest_s, *took_s)
-            self.slowest_second_s = max(self.slowest_second_s, sum(took_s))
         return resident_bytes() - before
 
     def adds_nothing(self) -> bool:
@@ -236,9 +233,12 @@ class Flight:
         return any(self.fly(25) < GROWN for _ in range(2))
 
     def assert_that_nobody_waited(self) -> None:
-        """A viewer that is waited for costs seconds; rerun's own threads may wait for a processor on a busy machine."""
-        assert self.slowest_s < 1.0
-        assert self.slowest_second_s < 2.0
+        """A viewer that is waited for holds up every batch from then on; rerun's own threads may, here and there, wait
+        for a processor on a busy machine.
+        """
+        late = [waited_s for waited_s in self.waited_s if waited_s > 0.1]
+        assert len(late) <= len(self.waited_s) / 50
+        assert sum(late) < 5.0
 
 
 @pytest.mark.slow
@@ -272,7 +272,7 @@ def test_a_viewer_that_reads_no_more_neither_stops_nor_slows_nor_grows_us(port: 
             flight.fly(10)
         flight.fly(5)
         flight.assert_that_nobody_waited()
-        assert resident_bytes() < 1.1 * full  # what waits on a busy machine, for rerun itself, included
+        assert eventually(lambda: resident_bytes() < 1.03 * full)  # once a busy machine has put away what came before
 
 
 @pytest.mark.slow
