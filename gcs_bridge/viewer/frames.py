@@ -9,10 +9,10 @@ one. In files, where rows are gathered, each entity has its own.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+from functools import lru_cache
 
 import numpy as np
+import rerun as rr
 
 from gcs_bridge.columns import Floats
 from gcs_bridge.viewer.arrays import CHILD_FRAME, PARENT_FRAME, PLACE, TURN
@@ -24,13 +24,7 @@ from gcs_bridge.viewer.times import Times
 __all__ = ["FRAMES", "Frames"]
 
 FRAMES = "frames"
-_UNTURNED = (0.0, 0.0, 0.0, 1.0)
-
-
-class _Moved(NamedTuple):
-    path: str
-    times: Times
-    poses: Floats  # (n, 7)
+_PATTERNS = 64  # of whose rows come one behind the other: they repeat
 
 
 class Frames:
@@ -38,33 +32,43 @@ class Frames:
 
     def __init__(self) -> None:
         """Start with nothing moved."""
-        self._moved: list[_Moved] = []
+        self._moved: list[tuple[str, Times, Floats]] = []  # poses (n, 7), (n, 4) without a place, (n, 3) without a turn
 
-    def take(self, rows: Rows) -> Rows:
-        """Keep attitudes and poses; what else there is to be drawn."""
-        for path, xyzw in rows.attitudes.items():
-            self._moved.append(_Moved(path, rows.times, np.column_stack((np.zeros((len(xyzw), 3)), xyzw))))
-        for path, poses in rows.poses.items():
-            whole = poses
-            if poses.shape[1] < POSE:
-                whole = np.column_stack((poses, np.tile(_UNTURNED, (len(poses), 1))))
-            self._moved.append(_Moved(path, rows.times, whole))
-        return replace(rows, attitudes={}, poses={})
+    def take(self, rows: Rows) -> Rows | None:
+        """Keep attitudes and poses; what else there is to be drawn, None: nothing."""
+        self._moved += [(path, rows.times, xyzw) for path, xyzw in rows.attitudes.items()]
+        self._moved += [(path, rows.times, poses) for path, poses in rows.poses.items()]
+        return rows.without_moves()
 
     def send(self, recording: Drawing) -> None:
         """Draw what was kept."""
         moved, self._moved = self._moved, []
-        for boot in {one.times.boot for one in moved}:
-            several = [one for one in moved if one.times.boot == boot]
-            times = Times.joined([one.times for one in several])
-            poses = np.concatenate([one.poses for one in several])
-            children = np.repeat([one.path for one in several], [len(one.poses) for one in several])
+        for boot in {times.boot for _, times, _ in moved}:
+            several = [one for one in moved if one[1].boot == boot]
+            times = Times.joined([times for _, times, _ in several])
+            whole = np.zeros((len(times), POSE))
+            whole[:, -1] = 1.0
+            end = 0
+            for _, _, values in several:
+                start, end = end, end + len(values)
+                whole[start:end, slice(POSE - 4, POSE) if values.shape[1] == 4 else slice(values.shape[1])] = values
+            names = tuple((path, len(values)) for path, _, values in several)
             for part, rows in times.parts():
-                names = children[rows].tolist()
-                columns = [
-                    PLACE.column(poses[rows, :3]),
-                    TURN.column(poses[rows, 3:]),
-                    CHILD_FRAME.column([f"{FRAME}{name}" for name in names]),
-                    PARENT_FRAME.column([f"{FRAME}{name.rpartition('/')[0]}" for name in names]),
-                ]
+                poses = whole[rows]
+                columns = [PLACE.column(poses[:, :3]), TURN.column(poses[:, 3:])]
+                if len(part) == len(times):
+                    columns += _names(names)
+                else:
+                    picked = np.repeat([path for path, _ in names], [n for _, n in names])[rows]
+                    columns += _names(tuple((path, 1) for path in picked.tolist()))
                 recording.send_columns(FRAMES, part.columns(recording.aligned), columns)
+
+
+@lru_cache(_PATTERNS)
+def _names(rows: tuple[tuple[str, int], ...]) -> list[rr.ComponentColumn]:
+    """Whose rows these are, of each so many, and in whose frames they lie."""
+    paths = [path for path, n in rows for _ in range(n)]
+    return [
+        CHILD_FRAME.column([f"{FRAME}{path}" for path in paths]),
+        PARENT_FRAME.column([f"{FRAME}{path.rpartition('/')[0]}" for path in paths]),
+    ]

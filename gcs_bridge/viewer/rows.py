@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -79,6 +79,13 @@ class Rows:
             for kind in fields(cls)[1:]
         ]
         return cls(times, *values)
+
+    def without_moves(self) -> Rows | None:
+        """What there is beside attitudes and poses; None: nothing."""
+        if not (self.attitudes or self.poses):
+            return self
+        rest = replace(self, attitudes={}, poses={})
+        return rest if rest.paths else None
 
     def send(self, recording: Drawing) -> None:
         """Draw them."""

@@ -44,9 +44,9 @@ __all__ = ["RerunSink", "sinks_of"]
 
 
 # How often each part of the picture is drawn, µs of the vehicle's time: bodies as often as a live link is judged, which
-# is some 20 times a second; the indicator seven times; plots three times, since the eye sees no more, and each time
-# costs as much as 100 rows. Of several vehicles all but the bodies is drawn less often.
-_BODIES_US, _INDICATOR_US, _REST_US = 35_000.0, 130_000.0, 310_000.0
+# is some 20 times a second; the indicator seven times; plots two or three times, since the eye sees no more, and each
+# time costs as much as 100 rows. Of several vehicles all but the bodies is drawn less often.
+_BODIES_US, _INDICATOR_US, _REST_US = 35_000.0, 130_000.0, 390_000.0
 _MORE_EACH, _MOST = 0.22, 4.0
 _AT_ONCE = (0.0, 0.0, 0.0)
 
@@ -279,7 +279,10 @@ class RerunSink(ViewerSink):
     def _draw_rows(self, rows: Rows) -> None:
         """Draw rows now, or with those that follow."""
         if self._frames is not None:
-            rows = self._frames.take(rows)
+            rest = self._frames.take(rows)
+            if rest is None:
+                return
+            rows = rest
         if self._gather == 1:
             rows.send(self._rec)
             return
