@@ -61,12 +61,15 @@ class Cluster:
             raise UsageError(
                 f"--scheduler {self._address}: it has no workers: start some by `dask worker {self._address}`"
             ) from None
-        versions = self._client.run(_version_there)  # pickled as a name: what is not there cannot be called
+        # It goes as a name: what is not there cannot be called.
+        versions = self._client.run(_version_there, on_error="return")
         for worker, there in versions.items():
             if there != __version__:
-                raise UsageError(
-                    f"--scheduler {self._address}: the worker {worker} has gcs-bridge {there}, not {__version__}"
-                )
+                raise self._other_version(worker, there)
+
+    def _other_version(self, worker: str, there: object) -> UsageError:
+        has = f"no gcs-bridge ({one_line(str(there))})" if isinstance(there, Exception) else f"gcs-bridge {there}"
+        return UsageError(f"--scheduler {self._address}: {worker} has {has}: install {__version__} there, as here")
 
     @property
     def workers(self) -> int:
@@ -120,6 +123,8 @@ class Cluster:
                 except KilledWorker as error:
                     died = one_line(str(error)).partition(". ")[0]
                     outcomes.append(Outcome(task, None, lost=f"each worker that was at it died: {died}"))
+        except ImportError as error:  # of a worker that came later
+            raise self._other_version("one of its workers", error) from None
         except (CancelledError, OSError):
             raise UsageError(f"--scheduler {self._address}: the scheduler has gone") from None
         return outcomes

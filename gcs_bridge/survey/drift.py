@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,8 +19,9 @@ from gcs_bridge.survey.parts import read_table
 __all__ = ["Drift", "drifts"]
 
 _LEAST_FLIGHTS = 3
-_MOST_VEHICLES = 50  # of each quantity, those that change most
+_MOST_VEHICLES = 50  # of each quantity, those that change most clearly
 _MOST_POINTS = 100
+_FLOOR = 0.02  # deg, deg/s: so much less than that is no change to anybody
 _DAY_US = 86_400_000_000
 
 
@@ -58,9 +60,14 @@ class Drift(msgspec.Struct, frozen=True, kw_only=True):
     points: list[tuple[int, float]]
     """Time and value: of many flights some, evenly."""
 
+    @property
+    def clarity(self) -> float:
+        """How clearly it changes: along the line against about it, and the more so the more flights there are."""
+        return abs(self.change) / (self.noise + _FLOOR) * math.sqrt(self.flights)
+
 
 def drifts(folder: Path, vehicle: re.Pattern[str] | None = None) -> list[Drift]:
-    """Of the dataset in a folder, by quantity, what changed most first.
+    """Of the dataset in a folder, by quantity, what changed most clearly first.
 
     Vehicles are told apart by system and component, and by what `vehicle` matches in the recording's path (its first
     group, if it has one), or else by the folder that the recording lies in. Flights without a time tell nothing.
@@ -74,7 +81,7 @@ def drifts(folder: Path, vehicle: re.Pattern[str] | None = None) -> list[Drift]:
         of_quantity = [
             _drift(quantity, name, t_us, values) for name, t_us, values in _by_vehicle(table, quantity.column, vehicle)
         ]
-        found += sorted(of_quantity, key=lambda one: -abs(one.change))[:_MOST_VEHICLES]
+        found += sorted(of_quantity, key=lambda one: -one.clarity)[:_MOST_VEHICLES]
     return found
 
 
@@ -92,7 +99,7 @@ def _by_vehicle(table: pa.Table, column: str, vehicle: re.Pattern[str] | None) -
     starts = np.flatnonzero(np.diff(which[order], prepend=-1))
     for first, end in zip(starts, [*starts[1:], len(order)], strict=True):
         rows = order[first:end]
-        if len(rows) >= _LEAST_FLIGHTS and t_us[rows[-1]] > t_us[rows[0]]:
+        if len(np.unique(t_us[rows])) >= _LEAST_FLIGHTS:
             yield names.dictionary[int(which[rows[0]])].as_py(), t_us[rows], values[rows]
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from gcs_bridge.errors import SourceError, UsageError, one_line
 from gcs_bridge.files import INSIDE, file_of
-from gcs_bridge.recordings.packed import LOOKED_FOR, SUFFIXES
+from gcs_bridge.recordings.packed import LOOKED_FOR, STANDARD_INPUT, SUFFIXES
 
 __all__ = ["Candidate", "find", "is_url", "opened_at", "stamp_of", "why_not"]
 
@@ -57,6 +57,9 @@ def find(paths: Iterable[str]) -> Iterator[Candidate | SourceError]:
 
 
 def _local(path: str) -> Iterator[Candidate | SourceError]:
+    if path == str(STANDARD_INPUT):
+        yield SourceError("-: standard input is not surveyed: name files, folders or URLs, or let check judge it")
+        return
     if not os.path.isdir(path):
         yield _looked_at(path)
         return

@@ -17,6 +17,7 @@ from gcs_bridge.survey.text import flight_words, hours
 
 __all__ = ["overview"]
 
+_SHOWN = 20  # rows of long tables, until one asks for more
 _COLUMNS = ("alarm", "warning", "explained", "agree", "no_compare", "inop")
 _WIDTH, _HEIGHT, _EDGE = 160, 36, 3  # of a curve, in pixels
 
@@ -28,11 +29,12 @@ def overview(summary: Summary) -> str:
         counts=[(verdict, summary.verdicts[verdict]) for verdict in VERDICTS if summary.verdicts[verdict]],
         size=in_bytes(summary.bytes),
         flown=hours(summary.flight_s),
-        span=None if summary.first_us is None else f"{_day(summary.first_us)} to {_day(summary.last_us or 0)}",
+        span=None if summary.first_us is None else _days(summary.first_us, summary.last_us or 0),
         columns=_COLUMNS,
         worst=[{"of": one, "link": one.page and quote(one.page), "words": flight_words(one)} for one in summary.worst],
+        shown=_SHOWN,
         more=sum(summary.verdicts[one] for one in ("alarm", "warning")) - len(summary.worst),
-        drift=[_drifted(one) for one in summary.drift],
+        drift=[_drifted(one) for one in sorted(summary.drift, key=lambda one: -one.clarity)],
         version=__version__,
         style=asset("page.css"),
     )
@@ -40,6 +42,11 @@ def overview(summary: Summary) -> str:
 
 def _day(t_us: int) -> str:
     return datetime.fromtimestamp(t_us / 1e6, UTC).date().isoformat()
+
+
+def _days(first_us: int, last_us: int) -> str:
+    days = _day(first_us), _day(last_us)
+    return days[0] if days[0] == days[1] else " to ".join(days)
 
 
 def _drifted(one: Drift) -> dict[str, Any]:
@@ -55,7 +62,7 @@ def _drifted(one: Drift) -> dict[str, Any]:
     return {
         "of": one,
         "unit": UNITS.get(one.unit, f" {one.unit}"),
-        "span": f"{_day(one.first_us)} to {_day(one.last_us)}",
+        "span": _days(one.first_us, one.last_us),
         "points": " ".join(f"{x:.1f},{y:.1f}" for x, y in points),
         "width": _WIDTH,
         "height": _HEIGHT,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from dataclasses import replace as replaced
 from typing import Protocol
 
-from gcs_bridge.errors import SourceError, UsageError
+from gcs_bridge.errors import SourceError, UsageError, one_line
 from gcs_bridge.executors.base import Executor, Outcome
 from gcs_bridge.survey.dataset import Dataset, codes_of
 from gcs_bridge.survey.found import Candidate, is_url, opened_at, stamp_of
@@ -78,7 +78,7 @@ class _Run:
         """Find out what is to be done."""
         for one in found:
             if isinstance(one, SourceError):
-                self.ran.failures.append(str(one))
+                self.ran.failures.append(one_line(str(one)))
                 continue
             candidate = self._asked_for(one)
             codes = self._dataset.codes(candidate)
@@ -112,17 +112,21 @@ class _Run:
         """Keep what came of a task."""
         task, result = outcome.task, outcome.result
         if result is None:
-            result = Result(failure=f"{task.path}: not judged: {outcome.lost}")
+            result = Result(failure=one_line(f"{task.path}: not judged: {outcome.lost}"))
         if result.stop is not None:
             raise UsageError(result.stop)
+        if result.inside:
+            parts = task.parts(result.inside, result.content)
+            self._watch.planned(len(parts) - 1, 0)
+            for part, judged in zip(parts, result.parts, strict=False):
+                self.take(Outcome(part, judged), is_last=is_last)
+            self.waiting.extend(() if result.parts else parts)
+            return
         if result.failure is not None and not is_last:
             self.failed.append(task)
             return
         if result.failure is not None:
             self.ran.failures.append(result.failure)
-        elif result.inside:
-            self._open(task, result.inside)
-            return
         elif result.known is not None:
             self.ran.copies += 1
             self.ran.codes |= self._dataset.codes_of_content(result.known)
@@ -135,9 +139,3 @@ class _Run:
             else:
                 self.ran.copies += 1
         self._watch.done(self.ran, (task.size or result.bytes) // task.of)
-
-    def _open(self, task: Task, inside: list[str]) -> None:
-        """One task is several: one of each recording in the file."""
-        self._watch.planned(len(inside) - 1, 0)
-        for name in inside:
-            self.waiting.append(replaced(task, inside=name, of=len(inside)))

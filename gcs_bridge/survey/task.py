@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from dataclasses import replace as replaced
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from msgspec.structs import replace
 
 from gcs_bridge.contract import readable
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError, one_line
@@ -64,6 +65,11 @@ class Task:
     inside: str | None = None
     known: frozenset[str] = frozenset()
     of: int = 1  # so many recordings are in the file
+    content: str = ""  # of the file, where that is known
+
+    def parts(self, names: Sequence[str], content: str) -> list[Task]:
+        """A task of each recording in its file."""
+        return [replaced(self, inside=name, of=len(names), content=content) for name in names]
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):
@@ -75,7 +81,11 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     known: str | None = None
     """The content, where that was judged already."""
     inside: list[str] = []
-    """What is in it, where that is more than one recording."""
+    """What is in it, where that is more than one recording: each is a task of its own."""
+    content: str = ""
+    """Of the file, with `inside`."""
+    parts: list[Result] = []
+    """What came of each of `inside`, where all were judged at once, as the file is not on this machine."""
     bytes: int = 0
     """That were read."""
     failure: str | None = None
@@ -86,29 +96,43 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
 
 def survey_one(task: Task) -> Result:
     """Do it. Whatever goes wrong is part of the result: one file must not end the survey of a million."""
+    return _told(task, None)
+
+
+def _told(task: Task, here: tuple[Path, int, str] | None) -> Result:
+    """The same; `here`: where the file is, its size and stamp, if that is known."""
     named = task.path if task.inside is None else f"{task.path}{INSIDE}{task.inside}"
     try:
-        with _here(task) as (local, size, stamp):
-            return _surveyed(task, named, local, size, stamp)
+        if here is not None:
+            return _surveyed(task, named, *here)
+        with _here(task) as found:
+            result = _surveyed(task, named, *found)
+            if not result.inside or not is_url(task.path):
+                return result
+            parts = [_told(part, found) for part in task.parts(result.inside, result.content)]
+            return msgspec.structs.replace(result, parts=parts)
     except UsageError as error:
         return Result(stop=str(error))
     except GcsBridgeError as error:
         return Result(failure=one_line(str(error)))
     except MemoryError:
-        return Result(failure=f"{named}: there is too little memory to judge it")
+        return Result(failure=one_line(f"{named}: there is too little memory to judge it"))
     except OSError as error:
-        return Result(failure=f"{named}: cannot be read: {one_line(error.strerror or str(error))}")
+        return Result(failure=one_line(f"{named}: cannot be read: {error.strerror or error}"))
     except Exception as error:  # noqa: BLE001  # a mistake of ours, which is told, and costs this file alone
-        said = f"{type(error).__name__}: {error}"
-        return Result(failure=f"{named}: a mistake of gcs-bridge, please report it: {one_line(said)}")
+        said = f"{named}: a mistake of gcs-bridge, please report it: {type(error).__name__}: {error}"
+        return Result(failure=one_line(said))
 
 
 def _surveyed(task: Task, named: str, local: Path, size: int, stamp: str) -> Result:
     """The same of a file that is on this machine."""
     file, inside = (local, task.inside) if task.inside is not None else file_of(local)
-    content = _digest(file)
-    if inside is None and len(names := recordings_in(file)) > 1:
-        return Result(inside=[str(name).partition(INSIDE)[2] for name in names])
+    content, of = task.content or _digest(file), task.of
+    if task.inside is None:
+        names = recordings_in(file)
+        if inside is None and len(names) > 1:
+            return Result(inside=[str(name).partition(INSIDE)[2] for name in names], content=content)
+        of = max(len(names), 1)
     if inside is not None:
         content = hashlib.blake2b(f"{content}{INSIDE}{inside}".encode("utf-8", "replace"), digest_size=16).hexdigest()
     if content in task.known:
@@ -119,8 +143,12 @@ def _surveyed(task: Task, named: str, local: Path, size: int, stamp: str) -> Res
     try:
         entry = check_file(meant, asked.settings, **asked.judged_by, sinks=[] if pages is None else [curves])
     except SourceError as error:
-        raise SourceError(str(error).replace(str(file), readable(task.path))) from None
-    entry = replace(entry, path=readable(named))
+        raise SourceError(str(error).replace(str(file), task.path)) from None
+    except UsageError as error:  # it ends before --from, or has no times: others do not
+        if asked.judged_by.get("from_s") is None and asked.judged_by.get("to_s") is None:
+            raise
+        raise SourceError(str(error).replace(str(file), task.path)) from None
+    entry = msgspec.structs.replace(entry, path=readable(named))
     written = None if pages is None else _page(pages, entry, curves, content)
     known_by = {
         "content": content,
@@ -128,7 +156,12 @@ def _surveyed(task: Task, named: str, local: Path, size: int, stamp: str) -> Res
         "folder": folder_of(readable(task.path)),
         "start_utc": start_us(entry),
     }
-    of_file = {"settings": asked.settings_digest, "file_bytes": size, "stamp": stamp, "recordings_in_file": task.of}
+    of_file = {
+        "settings": asked.settings_digest,
+        "file_bytes": size,
+        "stamp": stamp,
+        "recordings_in_file": of,
+    }
     return Result(
         recording=recording_row(entry, known_by, written) | of_file,
         checks=check_rows(entry, known_by),
@@ -147,6 +180,8 @@ def _here(task: Task) -> Iterator[tuple[Path, int, str]]:
         except OSError:  # who reads it will tell
             yield path, task.size or 0, task.stamp
             return
+        if not stat.S_ISREG(status.st_mode):
+            raise SourceError(f"{path}: a pipe or device, not a file: copy what it gives into one")
         yield path, status.st_size, str(status.st_mtime_ns)
         return
     with tempfile.TemporaryDirectory(prefix="gcs-bridge-") as folder:

@@ -32,7 +32,7 @@ def _lines(summary: Summary, folder: str) -> Iterator[str]:
         yield f"  {check:<20}" + "".join(f"{verdicts.get(name, 0):>12}" for name in _COLUMNS)
     yield from _listed("causes", [f"{one.cause}: in {counted(one.recordings, 'recording')}" for one in summary.causes])
     yield from _listed("worst flights", [f"{one_line(one.path)}: {flight_words(one)}" for one in summary.worst])
-    yield from _listed("drift", [drift_words(one) for one in sorted(summary.drift, key=_by_noise)])
+    yield from _listed("drift", [drift_words(one) for one in sorted(summary.drift, key=lambda one: -one.clarity)])
     yield ""
     counts = ", ".join(f"{summary.verdicts[one]} {LABELS[one]}" for one in VERDICTS if summary.verdicts[one])
     where = one_line(folder)
@@ -71,8 +71,3 @@ def drift_words(one: Drift) -> str:
         f"{one_line(one.vehicle)} {one.quantity}: {one.change:+.3g}{unit} in {over}, {one.flights} flights, "
         f"±{one.noise:.2g}{unit} about a line, median {one.median:.3g}{unit}"
     )
-
-
-def _by_noise(one: Drift) -> float:
-    """Most certain first: by how many times its noise it changed."""
-    return -abs(one.change) / (one.noise + 1e-9)

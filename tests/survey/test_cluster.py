@@ -45,15 +45,16 @@ class Running:
             time.sleep(0.05)
         self.address: str = json.loads(self._told.read_text())["address"]
 
-    def worker(self) -> "subprocess.Popen[bytes]":
-        """One more worker, without a nanny that would start another in its place."""
-        return self._start("worker", "--scheduler-file", self._told, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    def worker(self, path: Path = ROOT) -> "subprocess.Popen[bytes]":
+        """One more worker, without a nanny that would start another in its place; `path`: of what it may import."""
+        options = ("--scheduler-file", self._told, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+        return self._start("worker", *options, path=path)
 
-    def _start(self, what: str, *options: Any) -> "subprocess.Popen[bytes]":
+    def _start(self, what: str, *options: Any, path: Path = ROOT) -> "subprocess.Popen[bytes]":
         command = [sys.executable, "-m", "dask", what, "--host", "127.0.0.1", *map(str, options)]
         if what == "worker":
             command += ["--local-directory", str(self._folder)]
-        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        environment = {**os.environ, "PYTHONPATH": str(path)}
         quiet = subprocess.DEVNULL
         started = self._stack.enter_context(
             subprocess.Popen(command, cwd=self._folder, env=environment, stdout=quiet, stderr=quiet)
@@ -146,3 +147,12 @@ def test_a_scheduler_that_goes(cluster: Running, tmp_path: Path) -> None:
     ):
         surveyed_into(dataset, [logs], executor=executor)
     assert 0 < len(rows(tmp_path / "out", "recordings")) < 12
+
+
+@pytest.mark.slow
+def test_workers_that_cannot_judge(cluster: Running, tmp_path: Path) -> None:
+    """Where they have no gcs-bridge it is told, not tried a thousand times."""
+    (tmp_path / "sitecustomize.py").write_text("import sys; sys.modules['gcs_bridge'] = None")
+    cluster.worker(path=tmp_path)
+    with pytest.raises(UsageError, match=r"tcp://.* has no gcs-bridge .*: install .* there, as here"):
+        Cluster(cluster.address, patience_s=PATIENCE_S)

@@ -198,6 +198,33 @@ def test_what_is_packed(tmp_path: Path, judged: list[str]) -> None:
     assert len(judged) == 3
 
 
+def test_one_of_an_archive(tmp_path: Path) -> None:
+    """What is named of it is judged; the rest is not known by that."""
+    with zipfile.ZipFile(tmp_path / "two.zip", "w") as archive:
+        archive.writestr("a.tlog", DATA)
+        archive.writestr("b.tlog", DATA[:-1] + b"\0")
+    assert surveyed([f"{tmp_path}/two.zip::a.tlog"], tmp_path / "out").judged == 1
+    assert surveyed([tmp_path / "two.zip"], tmp_path / "out").judged == 1
+    assert surveyed([tmp_path / "two.zip"], tmp_path / "out").known == 1
+
+
+def test_what_is_no_file(tmp_path: Path) -> None:
+    """A pipe is not waited for, nor is standard input; names that are no UTF-8 can be told."""
+    os.mkfifo(tmp_path / "pipe.tlog")
+    strange = os.fsdecode(os.fsencode(tmp_path) + b"/\xff.tlog")
+    Path(strange).write_bytes(b"")
+    ran = surveyed([tmp_path / "pipe.tlog", "-", strange], tmp_path / "out")
+    assert [line.partition(": ")[2][:20] for line in ran.failures] == [
+        "standard input is no",
+        "a pipe or device, no",
+        "the file is empty: c",
+    ]
+    json.dumps(ran.failures).encode()
+    Path(strange).write_bytes(DATA)
+    assert surveyed([strange], tmp_path / "out").judged == 1
+    assert surveyed([strange], tmp_path / "out").judged == 0
+
+
 def test_failures_are_tried_twice_and_told(flights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Others are judged; the next survey tries it again."""
     (flights / "empty.tlog").touch()

@@ -19,17 +19,19 @@ from tests.helpers.surveyed import rows, surveyed
 
 FLIGHT = FIXTURES / "d_tailsitter_tumble.tlog"
 DATA = FLIGHT.read_bytes()
+NAMES = ("one.tlog", "below/two.tlog", "below/packed.zip::three.tlog", "below/packed.zip::four.tlog")
 
 
 @pytest.fixture
 def files(tmp_path: Path) -> Path:
-    """What the servers serve: three recordings, one of them in an archive, and something else."""
+    """What the servers serve: four recordings, two of them in an archive, and something else."""
     folder = tmp_path / "served"
     (folder / "below").mkdir(parents=True)
     (folder / "one.tlog").write_bytes(DATA)
     (folder / "below" / "two.tlog").write_bytes(DATA[:-1] + b"\0")
     with zipfile.ZipFile(folder / "below" / "packed.zip", "w") as archive:
         archive.writestr("three.tlog", DATA[:-1] + b"\1")
+        archive.writestr("four.tlog", DATA[:-1] + b"\2")
     (folder / "readme.txt").write_text("no recording")
     return folder
 
@@ -67,13 +69,9 @@ def test_over_http(web: str, tmp_path: Path, asked_for: list[str]) -> None:
     """A folder that the server lists, and a file of it by name; known again without being sent again."""
     out = tmp_path / "out"
     ran = surveyed([f"{web}/", f"{web}/one.tlog"], out)
-    assert (ran.failures, ran.judged) == ([], 3)
+    assert (ran.failures, ran.judged) == ([], 4)
     found = {row["path"]: row["bytes"] for row in rows(out, "recordings")}
-    assert found == {
-        f"{web}/one.tlog": len(DATA),
-        f"{web}/below/two.tlog": len(DATA),
-        f"{web}/below/packed.zip": len(DATA),
-    }
+    assert found == {f"{web}/{name}": len(DATA) for name in NAMES}
     asked_for.clear()
     again = surveyed([f"{web}/"], out)
     assert (again.judged, again.known) == (0, 3)
@@ -111,7 +109,7 @@ def test_what_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_any_file_system(files: Path, tmp_path: Path) -> None:
     """Of fsspec: files of this machine, by their URL."""
     ran = surveyed([f"file://{files}"], tmp_path / "out")
-    assert (ran.judged, ran.failures) == (3, [])
+    assert (ran.judged, ran.failures) == (4, [])
 
 
 @pytest.fixture
@@ -146,10 +144,8 @@ def test_over_s3(s3: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
     out = tmp_path / "out"
     ran = surveyed([s3], out)
-    assert (ran.failures, ran.judged) == ([], 3)
-    assert {row["path"] for row in rows(out, "recordings")} == {
-        f"{s3}/{name}" for name in ("one.tlog", "below/two.tlog", "below/packed.zip")
-    }
+    assert (ran.failures, ran.judged) == ([], 4)
+    assert {row["path"] for row in rows(out, "recordings")} == {f"{s3}/{name}" for name in NAMES}
     again = surveyed([s3, "s3://bucket/gone.tlog", "s3://nobodys/"], out)
     assert (again.judged, again.known, len(again.failures)) == (0, 3, 2)
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
