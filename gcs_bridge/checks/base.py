@@ -18,12 +18,14 @@ from gcs_bridge.columns import FloatRows, Floats, Int64s, Records
 from gcs_bridge.contract import Distribution, Severity, known
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings
-from gcs_bridge.telemetry.samples import finite
 
 NO_DETAIL = (np.nan, np.nan, np.nan, np.nan, np.nan)
 """Of a value that has no direction."""
 
 _UNKNOWN_SAMPLES, _ZERO_SAMPLES = 200, 50
+# Of a source: whether its numbers mean nothing, how many samples were zeros in all, and how many in a row are not
+# known, or zeros.
+_BROKEN, _DEAD, _NOT_KNOWN, _ZEROS = range(4)
 _MOSTLY = 0.9
 _LONGEST_US = 2_000_000  # of the time between two samples, what counts as watched
 
@@ -89,13 +91,24 @@ def is_dead(force: Any, numbers: Any) -> Any:
 
 
 @kernel
-def tell_apart(rows: FloatRows, force: FloatRows) -> tuple[bool, int]:
-    """Whether all samples (n, k) hold numbers only; how many are zeros, their `force` (n, 3) included."""
-    known, dead = True, 0
+def follow_meaning(rows: FloatRows, force: FloatRows, state: Int64s, turns: Int64s) -> int:
+    """Follow samples (n, k) beside their `force` (n, 3); put down at which of them they lost or got their meaning.
+
+    Return how many `turns` that are; there must be room for n. `state`: of a `Usable`.
+    """
+    n = 0
     for i in range(len(rows)):
-        known &= is_known(rows[i])
-        dead += is_dead(force[i], rows[i])
-    return known, dead
+        known, dead = is_known(rows[i]), is_dead(force[i], rows[i])
+        state[_DEAD] += dead
+        state[_NOT_KNOWN] = 0 if known else state[_NOT_KNOWN] + 1
+        state[_ZEROS] = state[_ZEROS] + 1 if dead else 0
+        means = known and not dead
+        lost = state[_NOT_KNOWN] >= _UNKNOWN_SAMPLES or state[_ZEROS] >= _ZERO_SAMPLES
+        if (state[_BROKEN] != 0) == means and (means or lost):
+            state[_BROKEN] = not means
+            turns[n] = i
+            n += 1
+    return n
 
 
 class Break(NamedTuple):
@@ -111,34 +124,29 @@ class Usable:
 
     def __init__(self) -> None:
         """Start with a source that is believed to be usable."""
-        self.broken = False
         self.breaks: list[Break] = []
-        self.dead = self.samples = 0  # how many were zeros, and how many came
-        self._unknown = self._zeros = 0
+        self._samples = 0
+        self._state = np.zeros(4, np.int64)
 
     def follow(self, numbers: Floats, force: Floats, t_us: Int64s, frame_index: Int64s) -> None:
         """Take the next samples (n, k): those with NaN in them mean nothing, nor do zeros beside a `force` of zero."""
+        broken, turns = self.broken, np.empty(len(numbers), np.int64)
+        self._samples += len(numbers)
         self.breaks = []
-        all_known, dead = tell_apart(numbers, force)
-        self.dead += dead
-        self.samples += len(numbers)
-        if not self.broken and not dead and all_known:
-            self._unknown = self._zeros = 0
-            return
-        zeros = ((numbers == 0.0).all(axis=1) & (force == 0.0).all(axis=1)).tolist()
-        for row, is_number in enumerate(finite(numbers).tolist()):
-            self._unknown = 0 if is_number else self._unknown + 1
-            self._zeros = self._zeros + 1 if zeros[row] else 0
-            means = is_number and not zeros[row]
-            lost = self._unknown >= _UNKNOWN_SAMPLES or self._zeros >= _ZERO_SAMPLES
-            if self.broken == means and (means or lost):
-                self.broken = not means
-                self.breaks.append(Break(int(frame_index[row]), int(t_us[row]), self.broken))
+        for row in turns[: follow_meaning(numbers, force, self._state, turns)].tolist():
+            broken = not broken
+            self.breaks.append(Break(int(frame_index[row]), int(t_us[row]), broken))
+
+    @property
+    def broken(self) -> bool:
+        """Whether its numbers mean nothing, by what came last."""
+        return bool(self._state.item(_BROKEN))
 
     @property
     def is_dead(self) -> bool:
         """Whether nearly all that came were zeros."""
-        return self.dead > 0 and self.dead >= _MOSTLY * self.samples
+        dead = self._state.item(_DEAD)
+        return dead > 0 and dead >= _MOSTLY * self._samples
 
 
 class Numbers(TypedDict):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gcs_bridge import attitude
-from gcs_bridge.columns import any_true
+from gcs_bridge.columns import Floats, any_true
 from gcs_bridge.pairing.steps import Steps
 from gcs_bridge.telemetry.link_clock import LinkClock
 from gcs_bridge.telemetry.statements import FlagsSet, Statement, TextSaid
@@ -26,8 +26,8 @@ class _Step(NamedTuple):
     frame_index: int
     t0_us: int
     t1_us: int
-    tilt_rad: float
-    heading_rad: float
+    q0_nb: Floats
+    q1_nb: Floats
 
 
 class Reset(NamedTuple):
@@ -67,43 +67,54 @@ class Resets:
             if len(near):
                 near[0] |= self._last_denied[k] or self._open[k] is not None
             events += [(int(steps[k].frame_index[row]), k, row) for row in np.flatnonzero(near).tolist()]
-        resets = []
+        found: list[tuple[int, _Step]] = []  # and the frame with which it was
         for frame_index, k, row in sorted(events):
-            resets += self._step(k, steps[k], row, self._heard(1 - k, steps[1 - k], frame_index))
+            step = self._step(k, steps[k], row, self._heard(1 - k, steps[1 - k], frame_index))
+            if step is not None:
+                found.append((frame_index, step))
         for k in (0, 1):
             if len(steps[k]):
                 self._heard_us[k] = int(steps[k].t1_us[-1])
                 self._last_denied[k] = bool(steps[k].contradicts_rates[-1])
-        return resets
+        return _resets(found)
 
     def _heard(self, k: int, steps: Steps, frame_index: int) -> int:
         """When stream `k` was last heard, as of a frame."""
         row = int(np.searchsorted(steps.frame_index, frame_index, side="right")) - 1
         return int(steps.t1_us[row]) if row >= 0 else self._heard_us[k]
 
-    def _step(self, k: int, steps: Steps, row: int, other_heard_us: int) -> list[Reset]:
+    def _step(self, k: int, steps: Steps, row: int, other_heard_us: int) -> _Step | None:
+        """Follow one step; the one that turns out with it to be a reset."""
         frame_index = int(steps.frame_index[row])
         before = self._last_denied[k] if row == 0 else bool(steps.contradicts_rates[row - 1])
         if steps.contradicts_rates[row]:
             self._open[k] = None
             if not before:
-                tilt, heading = attitude.tilt_heading_between(steps.q0_nb[row], steps.q1_nb[row])
                 t0_us, t1_us = int(steps.t0_us[row]), int(steps.t1_us[row])
-                self._open[k] = _Step(k, frame_index, t0_us, t1_us, float(tilt), float(heading))
-            return []
+                self._open[k] = _Step(k, frame_index, t0_us, t1_us, steps.q0_nb[row].copy(), steps.q1_nb[row].copy())
+            return None
         step, self._open[k] = self._open[k], None
         if step is None:
-            return []
+            return None
         other, self._alone[1 - k] = self._alone[1 - k], None
         if other is not None and other.t1_us > step.t0_us and step.t1_us > other.t0_us:
-            return [self._reset(step, frame_index)]
+            return step
         if step.t1_us - other_heard_us >= _ALIVE_US:
-            return [self._reset(step, frame_index)]
+            return step
         self._alone[k] = step
-        return []
+        return None
 
-    def _reset(self, step: _Step, frame_index: int) -> Reset:
-        return Reset(frame_index, step.t0_us, step.t1_us, step.tilt_rad, step.heading_rad)
+
+def _resets(found: list[tuple[int, _Step]]) -> list[Reset]:
+    """The steps as resets: how far they went is asked for all of them at once, which takes as long as for one."""
+    if not found:
+        return []
+    before, after = np.stack([step.q0_nb for _, step in found]), np.stack([step.q1_nb for _, step in found])
+    tilts, headings = (angles.tolist() for angles in attitude.tilt_heading_between(before, after))
+    return [
+        Reset(frame_index, step.t0_us, step.t1_us, tilt, heading)
+        for (frame_index, step), tilt, heading in zip(found, tilts, headings, strict=True)
+    ]
 
 
 class Statements:

@@ -18,10 +18,12 @@ from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
 from gcs_bridge.mavlink.signing import SignatureCounts
 from gcs_bridge.report import schema
 from gcs_bridge.report.verdicts import worst_verdict
+from gcs_bridge.telemetry.batches import VehicleBatch
 from gcs_bridge.telemetry.census import Census
+from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
-from gcs_bridge.telemetry.others import Others
+from gcs_bridge.telemetry.others import OfOthers, Others
 from gcs_bridge.telemetry.roster import Roster
 from gcs_bridge.telemetry.sorting import FrameSorter, SortedFrames
 
@@ -33,9 +35,14 @@ LEAST_COPIED, COPIED_SHARE = 20, 0.9  # frames, and of the copies that there wou
 
 
 class ScannedBatch(NamedTuple):
-    """Frames, sorted; None: there was no whole one. `done`: bytes of the link so far."""
+    """Frames, sorted; None: there was no whole one. `done`: bytes of the link so far.
+
+    `heard` is what was read of each of the batch's shares, `said` what others said that matters to vehicles.
+    """
 
     batch: SortedFrames | None
+    heard: Sequence[VehicleBatch]
+    said: Sequence[OfOthers]
     done: int
     raw: Sequence[RawFrame]
     signing: Sequence[Notice]  # what there is to tell of how frames are signed
@@ -60,6 +67,7 @@ class Link:
         self._sorter = FrameSorter(judged.dialect, judged.sysid, judged.window_s)
         self._roster = Roster(judged.dialect)
         self._others = Others(judged.dialect)
+        self._readers: dict[tuple[int, int], VehicleReader] = {}
         self._vehicles: dict[tuple[int, int], LinkVehicle] = {}
         self._paused_us = -1  # until when the last pause of the receiver was that was told of
         self._due_us = np.empty(0, np.int64)  # of each of them, when time alone may change something
@@ -100,21 +108,37 @@ class Link:
         return self.judge(self.scan(chunks, final=final))
 
     def scan(self, chunks: Chunks, *, final: bool = False) -> ScannedBatch:
-        """The frames that the chunks complete; another thread may call this while those before are judged."""
+        """The frames that the chunks complete, and what is in them.
+
+        Another thread may call this while those before are judged: what it changes is not used there.
+        """
         scanner = self._scanner
         frames = scanner.scan_chunks(chunks.data, chunks.ends, chunks.t_rx_us, whole=self._datagrams, final=final)
         if self.census is not None:
             self.census.take(scanner)
         raw = scanner.raw_frames() if self.on_frames is not None and len(scanner.all_frames) else ()
         signing = self._signing.look(scanner, self._sorter.frames)
-        batch = self._sorter.sort(scanner.buffer, frames) if len(frames) else None
-        return ScannedBatch(batch, scanner.read, raw, signing)
+        if not len(frames):
+            return ScannedBatch(None, (), (), scanner.read, raw, signing)
+        batch = self._sorter.sort(scanner.buffer, frames)
+        self._roster.note(batch.buffer, batch.frames)
+        heard = [self._reader(share.address).read(batch, share) for share in batch.shares]
+        return ScannedBatch(batch, heard, self._others.read(batch), scanner.read, raw, signing)
+
+    def _reader(self, address: tuple[int, int]) -> VehicleReader:
+        reader = self._readers.get(address)
+        if reader is None:
+            judged, vehicle = self._judged, VehicleId(self._number, *address)
+            positions = judged.observer is not None
+            reader = VehicleReader(vehicle, judged.dialect, judged.settings.vehicle, positions=positions)
+            self._readers[address] = reader
+        return reader
 
     def judge(self, scanned: ScannedBatch) -> list[Event]:
         """Judge frames as one batch."""
         if scanned.raw and self.on_frames is not None:
             self.on_frames(scanned.raw)
-        judged = [] if scanned.batch is None else self._judge(scanned.batch)
+        judged = [] if scanned.batch is None else self._judge(scanned, scanned.batch)
         return events_of([*scanned.signing, *judged])
 
     def open(self, *, datagrams: bool) -> None:
@@ -170,7 +194,7 @@ class Link:
             skipped_bytes=salvage.skipped_bytes,
             unlisted=self._claimed - len(vehicles),
         )
-        return link, [vehicle.judge.now(vehicle.reader, self._sorter.latest_rx_us) for vehicle in vehicles]
+        return link, [vehicle.judge.now(vehicle.known, self._sorter.latest_rx_us) for vehicle in vehicles]
 
     def finish(self) -> list[Event]:
         """Nothing follows."""
@@ -180,7 +204,7 @@ class Link:
 
     def entry(self, name: str) -> schema.File:
         """The link's entry in the report."""
-        vehicles = [vehicle.judge.entry(vehicle.reader) for vehicle in self._listed(MOST_BRIEF)]
+        vehicles = [vehicle.judge.entry(vehicle.known) for vehicle in self._listed(MOST_BRIEF)]
         salvage = self._scanner.salvage
         listed = {(vehicle.sysid, vehicle.compid) for vehicle in vehicles}
         others = [one for one in self._roster.heard() if one.address not in listed]
@@ -197,7 +221,7 @@ class Link:
 
     def _listed(self, most_brief: int) -> list[LinkVehicle]:
         """The vehicles in their order; those heard too briefly to be judged only where they are no more than that."""
-        vehicles = [vehicle for _, vehicle in sorted(self._vehicles.items()) if vehicle.reader.is_vehicle]
+        vehicles = [vehicle for _, vehicle in sorted(self._vehicles.items()) if vehicle.known.is_vehicle]
         if sum(vehicle.is_brief for vehicle in vehicles) <= most_brief:
             return vehicles
         return [vehicle for vehicle in vehicles if not vehicle.is_brief]
@@ -207,14 +231,14 @@ class Link:
         found = [
             (vehicle.judged_from, address)
             for address, vehicle in self._vehicles.items()
-            if vehicle.judged_from is not None and vehicle.reader.is_vehicle
+            if vehicle.judged_from is not None and vehicle.known.is_vehicle
         ]
         return [self._vehicles[address] for _, address in sorted(found)[:most]]
 
     @property
     def _claimed(self) -> int:
         """How many claim to be vehicles."""
-        return sum(vehicle.reader.is_vehicle for vehicle in self._vehicles.values())
+        return sum(vehicle.known.is_vehicle for vehicle in self._vehicles.values())
 
     def _remarks(self, salvage: Salvage) -> Iterator[str]:
         """What there is to say of how the bytes came."""
@@ -225,10 +249,10 @@ class Link:
             )
         vehicles = self._listed(MOST_BRIEF)
         for vehicle in vehicles:
-            repeated = self._scanner.repeated(*vehicle.reader.vehicle.address)
-            told = copies(vehicle.reader.received, repeated)
+            repeated = self._scanner.repeated(*vehicle.vehicle.address)
+            told = copies(vehicle.known.received, repeated)
             if told is not None:
-                yield f"{told}, by {{}},{{}}: it counts once".format(*vehicle.reader.vehicle.address)
+                yield f"{told}, by {{}},{{}}: it counts once".format(*vehicle.vehicle.address)
         unlisted = self._claimed - len(vehicles)
         if unlisted:
             yield f"{unlisted} that claim to be vehicles were heard too briefly to be judged, and are not listed"
@@ -237,9 +261,8 @@ class Link:
             present = sorted({one.sysid for one in self._roster.heard()})
             yield f"system {wanted} was not heard; there are {', '.join(map(str, present)) or 'none'}"
 
-    def _judge(self, batch: SortedFrames) -> list[Notice]:
-        self._roster.note(batch.buffer, batch.frames)
-        return self._tell_pauses_once(list(self._judge_batch(batch)), batch.clock)
+    def _judge(self, scanned: ScannedBatch, batch: SortedFrames) -> list[Notice]:
+        return self._tell_pauses_once(list(self._judge_batch(scanned, batch)), batch.clock)
 
     def _tell_pauses_once(self, notices: list[Notice], clock: LinkClock) -> list[Notice]:
         """Of the vehicles that show that the receiver paused, the first one alone is told of."""
@@ -252,16 +275,16 @@ class Link:
             self._paused_us = max(self._paused_us, at_us)
         return notices
 
-    def _judge_batch(self, batch: SortedFrames) -> Iterator[Notice]:
-        said = self._others.read(batch)
+    def _judge_batch(self, scanned: ScannedBatch, batch: SortedFrames) -> Iterator[Notice]:
+        said = scanned.said
         if said:
             there = {share.address for share in batch.shares}
             for address, vehicle in self._vehicles.items():
                 if address not in there:
                     yield from vehicle.hear(said)
-        for share in batch.shares:
+        for share, heard in zip(batch.shares, scanned.heard, strict=True):
             vehicle = self._vehicles.get(share.address) or self._new_vehicle(share.address)
-            yield from vehicle.take(batch, share, said)
+            yield from vehicle.take(heard, batch, share, said)
             self._due_us[vehicle.place] = vehicle.due_us
         yield from self._pass_time(batch.clock)
 

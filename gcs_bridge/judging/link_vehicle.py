@@ -21,8 +21,8 @@ from gcs_bridge.mavlink.signing import Signing
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.batches import VehicleBatch
 from gcs_bridge.telemetry.clocks import NO_TIMES
-from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
+from gcs_bridge.telemetry.known import NOTHING_KNOWN
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.messages import KIND
 from gcs_bridge.telemetry.others import OfOthers
@@ -70,9 +70,8 @@ class LinkVehicle:
         self._judged = judged
         self._observer = judged.observer
         self._observed: deque[Observation] = deque(maxlen=_MOST_OBSERVED)  # and not shown yet
-        self.reader = VehicleReader(
-            vehicle, judged.dialect, judged.settings.vehicle, positions=judged.observer is not None
-        )
+        self.vehicle = vehicle
+        self.known = NOTHING_KNOWN  # with the last frame that was judged
         self._judge: VehicleJudge | None = None
         self._waiting: list[Callable[[VehicleJudge], Iterable[Notice]]] = []  # for it: how it is given what came
         self._waits_since_us, self._waited_s = NEVER_US, 0  # since its last frame; NEVER: nothing had a time yet
@@ -100,7 +99,7 @@ class LinkVehicle:
         if self._judge is None:
             observer = self._observed.append if self._observer else None
             self._judge = judge = VehicleJudge(
-                self.reader.vehicle, self._judged.settings, observer, doctor_waits=self._judged.doctor_waits
+                self.vehicle, self._judged.settings, observer, doctor_waits=self._judged.doctor_waits
             )
             assert self._early is not None
             for hand in self._waiting:
@@ -116,7 +115,7 @@ class LinkVehicle:
     @property
     def calm_s(self) -> float | None:
         """As `Monitor.calm_s`; None: it is no vehicle, was lost, or is not judged, and has no part in that."""
-        no_vehicle = self.reader.is_decided and not self.reader.is_vehicle
+        no_vehicle = self.known.is_decided and not self.known.is_vehicle
         if self._judge is None or no_vehicle or self._presence.is_lost:
             return None
         return self._judge.calm_s if self._seen else 0.0
@@ -130,11 +129,13 @@ class LinkVehicle:
         """Have its doctor answer one question."""
         return self._release(self._told(list(self.judge.answer())))
 
-    def take(self, batch: SortedFrames, share: Share, said: Sequence[OfOthers] = ()) -> list[Notice]:
-        """Judge its share of a batch, and what others said to it meanwhile."""
+    def take(
+        self, heard: VehicleBatch, batch: SortedFrames, share: Share, said: Sequence[OfOthers] = ()
+    ) -> list[Notice]:
+        """Judge what was read of its share of a batch, and what others said to it meanwhile."""
         if self._first_frame_index is None:
-            self._first_frame_index = int(batch.frame_indices(share)[0])
-        heard, clock, told_it = self.reader.read(batch, share), batch.clock, self._of(said)
+            self._first_frame_index = int(heard.frame_index[0])
+        self.known, clock, told_it = heard.known, batch.clock, self._of(said)
         turns = list(self._turns(heard.frame_index, clock, heard.timed))
         if self._told_from is None:
             self._told_from = self._first_told(heard, batch, share)
@@ -155,7 +156,7 @@ class LinkVehicle:
             self._attitudes[stream] += count
             if before < JUDGED_ATTITUDES <= before + count:
                 frames.append(batch.first + int(batch.rows(share, KIND[name])[JUDGED_ATTITUDES - 1 - before]))
-        received = self.reader.received
+        received = heard.known.received
         if received >= JUDGED_FRAMES:
             frames.append(int(heard.frame_index[JUDGED_FRAMES - 1 - received]))
         return min(frames, default=None)
@@ -187,7 +188,7 @@ class LinkVehicle:
         since = self._first_frame_index
         if not said or since is None:
             return ()
-        address = self.reader.vehicle.address
+        address = self.vehicle.address
         return [one for one in said if one.is_for(address) and one.by != address and one.frame_index > since]
 
     @property
@@ -207,10 +208,10 @@ class LinkVehicle:
 
     def _show(self) -> None:
         """Show what was judged, unless it is not known yet whose it is, or known to be no vehicle's."""
-        if self.reader.is_vehicle and self._observer is not None:
+        if self.known.is_vehicle and self._observer is not None:
             for observation in self._observed:
                 self._observer(observation)
-        if self.reader.is_decided:
+        if self.known.is_decided:
             self._observed.clear()
 
     def advance(self, link: LinkClock) -> list[Notice]:
@@ -225,18 +226,18 @@ class LinkVehicle:
     def _turns(self, frame_indices: Int64s, link: LinkClock, timed: Int64Rows = NO_TIMES) -> Iterator[Notice]:
         for turn in self._presence.take(frame_indices, link, timed):
             kind = VehicleLost if turn.lost else VehicleSeen
-            event = kind(**head(self.reader.vehicle, None, None, turn.t_rx_us))
+            event = kind(**head(self.vehicle, None, None, turn.t_rx_us))
             yield Notice(turn.frame_index, event, Rank.IDENTITY)
 
     def _release(self, notices: list[Notice]) -> list[Notice]:
         """The notices to pass on: those at which it is a vehicle; earlier ones come behind the news that it is one."""
         if not self._seen:
             self._held += notices
-            if self.reader.seen is None:
+            if self.known.seen is None:
                 return []
-            frame_index, t_rx_us = self.reader.seen
+            frame_index, t_rx_us = self.known.seen
             self._seen = True
-            seen = VehicleSeen(**head(self.reader.vehicle, 0, None, t_rx_us))
+            seen = VehicleSeen(**head(self.vehicle, 0, None, t_rx_us))
             held = (
                 notice._replace(frame_index=max(notice.frame_index, frame_index))
                 for notice in in_order(self._held)
@@ -245,4 +246,4 @@ class LinkVehicle:
             )
             notices = [Notice(frame_index, seen, Rank.IDENTITY), *held]
             self._held = []
-        return [notice for notice in notices if self.reader.is_vehicle_at(notice.frame_index)]
+        return [notice for notice in notices if self.known.is_vehicle_at(notice.frame_index)]

@@ -40,8 +40,8 @@ from gcs_bridge.report import schema
 from gcs_bridge.settings import Settings
 from gcs_bridge.telemetry.batches import BootSegment, VehicleBatch, no_segment
 from gcs_bridge.telemetry.clocks import ClockChange
-from gcs_bridge.telemetry.component import VehicleReader
 from gcs_bridge.telemetry.identity import VehicleId
+from gcs_bridge.telemetry.known import Known
 from gcs_bridge.telemetry.link_clock import NEVER_US, LinkClock
 from gcs_bridge.telemetry.others import OfOthers
 from gcs_bridge.telemetry.positions import NO_POSITIONS
@@ -156,7 +156,7 @@ class VehicleJudge:
             self._stream_check.hear(heard, said, self.alarm_manager.ballot)
             yield from self.alarm_manager.tell(link)
 
-    def entry(self, reader: VehicleReader) -> schema.Vehicle:
+    def entry(self, known: Known) -> schema.Vehicle:
         """The vehicle's entry in the report."""
         both_alive_us = self._both_alive_us + (self._boot.liveness.both_alive_us if self._boot else 0)
         verdicts = self._verdicts.of_checks()
@@ -164,37 +164,37 @@ class VehicleJudge:
         return schema.Vehicle(
             sysid=self.vehicle.sysid,
             compid=self.vehicle.compid,
-            autopilot=reader.autopilot,
-            type=reader.type,
+            autopilot=known.autopilot,
+            type=known.type,
             verdict=self._verdicts.of_vehicle(verdicts),
             boots=tuple(boots),
             resets=tuple(self._resets),
             streams={name: self._streams[name].entry() for name in sorted(self._streams)},
             checks=tuple(
-                self._verdicts.entry(check, verdicts[check.name], reader, both_alive_us) for check in self._checks
+                self._verdicts.entry(check, verdicts[check.name], known, both_alive_us) for check in self._checks
             ),
             alarms=tuple(alarm.entry() for alarm in self.alarm_manager.alarms),
         )
 
-    def now(self, reader: VehicleReader, t_rx_us: int) -> VehicleNow:
+    def now(self, known: Known, t_rx_us: int) -> VehicleNow:
         """What is known now, at the receive time `t_rx_us` of the link."""
         boot = self._boot
         alarms, places_of = list(starmap(alarm_now, self.alarm_manager.slots_now())), self.alarm_manager.places_of
         verdicts = self._verdicts.of_checks()
         alive = boot.alive if boot else [False, False]
-        heard_us = reader.heard_rx_us
+        heard_us = known.heard_rx_us
         return VehicleNow(
             link=self.vehicle.link,
             sysid=self.vehicle.sysid,
             compid=self.vehicle.compid,
-            autopilot=reader.autopilot,
-            type=reader.type,
+            autopilot=known.autopilot,
+            type=known.type,
             verdict=self._verdicts.of_vehicle(verdicts),
             boot=boot.index if boot else None,
             t_boot_s=boot.last_us / 1e6 if boot and boot.last_us >= 0 else None,
             age_s=(t_rx_us - heard_us) / 1e6 if heard_us >= 0 else None,
-            received=reader.received,
-            lost=reader.lost,
+            received=known.received,
+            lost=known.lost,
             attitude=attitude_now(self._latest[0], t_rx_us, alive=alive[0]),
             attitude_quaternion=attitude_now(self._latest[1], t_rx_us, alive=alive[1]),
             streams={name: count.entry() for name, count in self._streams.items()},

@@ -19,7 +19,7 @@ from gcs_bridge.mavlink.requests import request_command
 from gcs_bridge.report import schema
 from gcs_bridge.report.wording import UNITS
 from gcs_bridge.settings import Settings
-from gcs_bridge.telemetry.component import VehicleReader
+from gcs_bridge.telemetry.known import Known
 from gcs_bridge.telemetry.samples import ATTITUDE_QUATERNION, STREAMS
 from gcs_bridge.telemetry.stream_counts import StreamCount
 
@@ -104,9 +104,7 @@ class Verdicts:
         """Whether so little of the time was judged that agreement in it says nothing of the rest."""
         return check is not self._euler_quaternion and check.judged_us < min(_LEAST_SHARE * check.alive_us, _ENOUGH_US)
 
-    def entry(
-        self, check: Check, verdict: schema.CheckVerdict, reader: VehicleReader, both_alive_us: int
-    ) -> schema.Check:
+    def entry(self, check: Check, verdict: schema.CheckVerdict, vehicle: Known, both_alive_us: int) -> schema.Check:
         """The report's entry of one check; `both_alive_us`: for so long both attitude streams were alive."""
         numbers = check.numbers()
         explained_by: list[ExplainedBy] = []
@@ -116,7 +114,7 @@ class Verdicts:
         elif verdict == "explained":
             explained_by = self._expected.explanations()
             numbers["raw"] = Distribution(median=None, p95=None, p99=None, max=None)  # not measured
-        reason = self._reason(check, verdict, reader)
+        reason = self._reason(check, verdict, vehicle)
         judged = check.judged or not check.compares  # what is said beside it is of what was judged
         remark = check.remark if verdict in ("agree", "explained", "no_compare") and judged else None
         if check.compares and self._start_ups:
@@ -132,7 +130,7 @@ class Verdicts:
             bias=check.bias,
         )
 
-    def _reason(self, check: Check, verdict: schema.CheckVerdict, reader: VehicleReader) -> str:
+    def _reason(self, check: Check, verdict: schema.CheckVerdict, vehicle: Known) -> str:
         if verdict in _SEVERITIES:
             found = [alarm for alarm in self._alarms.alarms if (alarm.check, alarm.severity) == (check.name, verdict)]
             worst = max(found, key=lambda alarm: alarm.peak)
@@ -143,7 +141,7 @@ class Verdicts:
             return check.broken or ""
         if verdict == "no_compare":
             if check is self._euler_quaternion:
-                return self._why_not_compared(reader)
+                return self._why_not_compared(vehicle)
             if check.judged >= self._settings.alarm.counted_samples and self._hardly_judged(check):
                 return f"only {check.judged_us / 1e6:.1f} s of {check.alive_us / 1e6:.0f} s could be judged"
             return check.why_not()
@@ -178,15 +176,15 @@ class Verdicts:
         check = self._euler_quaternion
         return self.left_pending or 2 * check.bad > check.counted or self._alarms.pending(check.name)
 
-    def _why_not_compared(self, reader: VehicleReader) -> str:
+    def _why_not_compared(self, vehicle: Known) -> str:
         """Why the two forms of the attitude could not be compared, or came to no decision."""
         check, least = self._euler_quaternion, self._settings.alarm.counted_samples
         if check.judged >= least:
             differs = f"{check.bad} of {check.counted} pairs differ, by up to {math.degrees(check.residual.max):.3g}°"
             return f"{differs}, but for too short a time or too seldom to raise an alarm"
-        autopilot = reader.autopilot
+        autopilot = vehicle.autopilot
         missing = [name for name in STREAMS if name not in self._streams]
-        for name, unbelieved in zip(STREAMS, reader.unbelieved, strict=True):
+        for name, unbelieved in zip(STREAMS, vehicle.unbelieved, strict=True):
             if name in missing and unbelieved >= least:
                 return f"the times of {name} do not go on, or not with the vehicle's clock: {unbelieved} messages of it"
         if len(missing) == len(STREAMS):

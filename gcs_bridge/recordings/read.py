@@ -73,7 +73,9 @@ def read(path: str | Path, *, dialect: str = "all") -> Recording:
                         share.address, _Gathered(VehicleId(None, *share.address), tables)
                     )
                     source.take(batch, share, recording.size / piece.done)
-    vehicles = {address: source.samples() for address, source in sorted(gathered.items()) if source.reader.is_vehicle}
+    vehicles = {
+        address: source.samples() for address, source in sorted(gathered.items()) if source.reader.known.is_vehicle
+    }
     return Recording(path, vehicles, scanner.salvage)
 
 
@@ -97,10 +99,11 @@ class _Gathered:
 
     def samples(self) -> VehicleSamples:
         """All of them; nothing may be taken any more."""
+        known = self.reader.known
         imu = {name.lower(): table.finished() for name, table in self._imu.items()}
         return VehicleSamples(
-            autopilot=self.reader.autopilot,
-            type=self.reader.type,
+            autopilot=known.autopilot,
+            type=known.type,
             attitude=self._attitude.finished(),
             attitude_quaternion=self._quaternion.finished(),
             **imu,

@@ -13,6 +13,7 @@ import numpy as np
 from gcs_bridge.columns import Floats, FrameColumns, Int64Rows, Int64s, Mask, record
 from gcs_bridge.telemetry.clocks import ClockChange
 from gcs_bridge.telemetry.heard import HeardFrames
+from gcs_bridge.telemetry.known import Known
 from gcs_bridge.telemetry.positions import PositionSamples
 from gcs_bridge.telemetry.samples import (
     ATTITUDE,
@@ -91,12 +92,13 @@ class VelocityChange(FrameColumns):
 class VehicleBatch:
     """What one batch brought of one vehicle: its boots in turn, clock changes, what it said of itself.
 
-    `frame_index` are the indices of its frames, `heard` tells of those in the window; `timed`: columns of its
-    `TimedMessages`, in the window or not. `counted` holds the receive times, µs,
-    of messages without a boot time of their own; `imu` and `secondary` what these carry; `senders` whether they are
-    one sender's; `positions` where it was, empty unless that was asked for.
+    `known`: of it, with the last of them; `frame_index` are the indices of its frames, `heard` tells of those in the
+    window; `timed`: columns of its `TimedMessages`, in the window or not. `counted` holds the receive times, µs, of
+    messages without a boot time of their own; `imu` and `secondary` what these carry; `senders` whether they are one
+    sender's; `positions` where it was, empty unless that was asked for.
     """
 
+    known: Known
     frame_index: Int64s
     heard: HeardFrames
     timed: Int64Rows

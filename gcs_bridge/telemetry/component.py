@@ -16,6 +16,7 @@ from gcs_bridge.telemetry.clocks import BOOT, BootClock, TimedMessages
 from gcs_bridge.telemetry.heard import heard_frames
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.inertial import ImuReader
+from gcs_bridge.telemetry.known import NOTHING_KNOWN, Known
 from gcs_bridge.telemetry.messages import IMU_KINDS, KIND
 from gcs_bridge.telemetry.positions import NO_POSITIONS, PositionReader
 from gcs_bridge.telemetry.samples import AHRS2, IMU_MESSAGES, AttitudeSamples, ImuSamples
@@ -39,14 +40,13 @@ class VehicleReader:
     ) -> None:
         """Start with nothing heard; `positions`: somebody wants to know where it is."""
         self.vehicle = vehicle
-        self.autopilot = "unknown"
-        self.type = "unknown"
-        self.received = self.lost = 0  # frames that came, and that the sequence numbers miss
-        self.heard_rx_us = -1  # when the last frame came
+        self._autopilot, self._type = NOTHING_KNOWN.autopilot, NOTHING_KNOWN.type
+        self._received = self._lost = 0
+        self._heard_rx_us = NOTHING_KNOWN.heard_rx_us
         self._dialect = dialect
         self._settings = settings
         self._seen: tuple[int, int] | None = None
-        self._standing: list[tuple[int, bool]] = []  # from which frame on it is a vehicle, or is none
+        self._standing: tuple[tuple[int, bool], ...] = ()
         self._heartbeats = Heartbeats(dialect)
         self._senders = Senders(dialect)
         self._said: Majority | None = None  # what most of its heartbeats say
@@ -62,38 +62,28 @@ class VehicleReader:
         self._positions = PositionReader(dialect) if positions else None
 
     @property
-    def is_vehicle(self) -> bool:
-        """Whether it is known to be a vehicle by now."""
-        return bool(self._standing) and self._standing[-1][1]
-
-    @property
-    def is_decided(self) -> bool:
-        """Whether it is known by now that it is a vehicle, or that it is none."""
-        return bool(self._standing) or self.vehicle.sysid == 0
-
-    def is_vehicle_at(self, frame_index: int) -> bool:
-        """Whether it was known to be a vehicle once the frame `frame_index` had come."""
-        known = [is_one for since, is_one in self._standing if since <= frame_index]
-        return bool(known) and known[-1]
-
-    @property
-    def unbelieved(self) -> tuple[int, int]:
-        """How many messages of each of the two streams carried a time that was not believed."""
-        return self._clock.unbelieved
-
-    @property
-    def seen(self) -> tuple[int, int] | None:
-        """Index and receive time of the frame that first made it a vehicle."""
-        return self._seen
+    def known(self) -> Known:
+        """What is known of it by what was read so far."""
+        return Known(
+            autopilot=self._autopilot,
+            type=self._type,
+            received=self._received,
+            lost=self._lost,
+            heard_rx_us=self._heard_rx_us,
+            unbelieved=self._clock.unbelieved,
+            seen=self._seen,
+            standing=self._standing,
+            is_decided=bool(self._standing) or self.vehicle.sysid == 0,
+        )
 
     def read(self, batch: SortedFrames, share: Share) -> VehicleBatch:
         """Take this component's share of the next frames.
 
         Samples outside the window are left out; the clock and the identity are followed there too.
         """
-        timed, changes = self._clock.read(batch, share, self.received)
-        self.received += share.end - share.start
-        self.lost, self.heard_rx_us = share.lost, share.heard_us
+        timed, changes = self._clock.read(batch, share, self._received)
+        self._received += share.end - share.start
+        self._lost, self._heard_rx_us = share.lost, share.heard_us
         euler, quaternion = self._attitudes.read(batch, share, timed)
         segments = _segments(batch, timed, euler, quaternion)
         self._identify(self._heartbeats.read(batch, share), segments)
@@ -103,6 +93,7 @@ class VehicleReader:
             rows = batch.rows(share, _AHRS2_KIND)
             counted[AHRS2] = batch.frames["t_rx_us"][rows[batch.in_window[rows]]]
         return VehicleBatch(
+            known=self.known,
             frame_index=batch.frame_indices(share),
             heard=heard_frames(batch, share, timed.restarting),
             timed=timed.columns,
@@ -112,7 +103,7 @@ class VehicleReader:
             counted=counted,
             imu=imu,
             secondary=self._secondary.read(batch, share, timed),
-            statements=self._statements.read(batch, share, self.autopilot),
+            statements=self._statements.read(batch, share, self._autopilot),
             motion=self._velocity.read(batch, share),
             positions=self._positions.read(batch, share, timed) if self._positions else NO_POSITIONS,
         )
@@ -120,7 +111,7 @@ class VehicleReader:
     def _read_imu(self, batch: SortedFrames, share: Share, timed: TimedMessages) -> dict[str, ImuSamples]:
         """The samples of each IMU message that came."""
         imu = {}
-        autopilot, since = self.autopilot, 0
+        autopilot, since = self._autopilot, 0
         if self._ardupilot_frame_index is not None:
             autopilot, since = _ARDUPILOT, self._ardupilot_frame_index
         for name, kind in _IMU_KINDS:
@@ -138,9 +129,9 @@ class VehicleReader:
         for said in changes:
             self._follow_run(segments, said.frame_index)
             self._said = said
-            self.autopilot = autopilot_name(self._dialect, said.autopilot)
-            self.type = type_name(self._dialect, said.type)
-            if self.autopilot == _ARDUPILOT and self._ardupilot_frame_index is None:
+            self._autopilot = autopilot_name(self._dialect, said.autopilot)
+            self._type = type_name(self._dialect, said.type)
+            if self._autopilot == _ARDUPILOT and self._ardupilot_frame_index is None:
                 self._ardupilot_frame_index = said.frame_index
             self._decide(said.frame_index, said.t_rx_us)
         self._follow_run(segments, None)
@@ -171,7 +162,7 @@ class VehicleReader:
 
     def _stand(self, frame_index: int, t_rx_us: int, *, is_one: bool) -> None:
         if not self._standing or self._standing[-1][1] != is_one:
-            self._standing.append((frame_index, is_one))
+            self._standing += ((frame_index, is_one),)
         if is_one and self._seen is None:
             self._seen = (frame_index, t_rx_us)
 

@@ -46,6 +46,7 @@ _SHAKEN_RAD_S2 = 200.0
 _LIVE_S = 2.5  # an attitude that is older is compared with nothing
 _THERE_SHARE = 1 / 5  # of the way from the one, how near to the other's last attitude is back there
 _THERE_RAD = np.radians(1.0)
+_SURE = 1.0 - 1e-9  # less than all, by more than is rounded
 _WHOLE_TURN_RAD = 2 * np.pi  # no angle in radians is larger
 _ATTITUDES, _CALM_ATTITUDES = 8, 20  # times back and forth, farther than shaken, than sudden turns
 _CLEAN = 0.75  # at least so many times as often as to anywhere else: one that is slow is found anew each time
@@ -196,9 +197,38 @@ def _reach_rad(track: Any, w: Any, ms: Any, sudden_rad_s2: Any) -> Any:
 
 
 @helper
+def _surely_reaches(track: Any, q: Any, w: Any, ms: Any) -> Any:
+    """Whether one can have turned from a track's attitude to another: no angle is larger than its tangent."""
+    turn = product(conjugated((track[0], track[1], track[2], track[3])), q)
+    most_rad = _SURE * _reach_rad(track, w, ms, _SUDDEN_RAD_S2)
+    return 2.0 * length((turn[1], turn[2], turn[3])) <= most_rad * abs(turn[0])
+
+
+@helper
+def _goes_on_alone(mine: Any, on: Any, q: Any, w: Any, ms: Any) -> Any:
+    """Whether a stream's track goes on with an attitude, and no other one is there: so it nearly always is."""
+    for track in range(_TRACKS):
+        if (abs(ms - mine[track, 7]) <= _LIVE_S * 1000) != (track == on):
+            return False
+    return _surely_reaches(mine[on], q, w, ms)
+
+
+@helper
 def _follow_attitude(state: Any, tracks: Any, stream: Any, q: Any, w: Any, ms: Any) -> Any:
     """Take the next attitude of a stream. Rows of `tracks`: q, body rates, time; all NaN where there is none."""
     mine, on = tracks[stream], state.attitude[stream]
+    best = on if _goes_on_alone(mine, on, q, w, ms) else _track_of(state, mine, stream, q, w, ms)
+    state.attitude[stream] = best
+    row = mine[best]
+    row[0], row[1], row[2], row[3] = q
+    row[4], row[5], row[6] = w
+    row[7] = ms
+
+
+@helper
+def _track_of(state: Any, mine: Any, stream: Any, q: Any, w: Any, ms: Any) -> Any:
+    """The track that an attitude belongs to; what it tells of the senders is counted."""
+    on = state.attitude[stream]
     best, free, off_rad = -1, on, np.inf
     for track in range(_TRACKS):
         if abs(ms - mine[track, 7]) <= _LIVE_S * 1000:
@@ -221,11 +251,7 @@ def _follow_attitude(state: Any, tracks: Any, stream: Any, q: Any, w: Any, ms: A
             best = free
             state.misses[_OF_ATTITUDES] += 1
             state.misses[_OF_CALM_ATTITUDES] += 1
-    state.attitude[stream] = best
-    row = mine[best]
-    row[0], row[1], row[2], row[3] = q
-    row[4], row[5], row[6] = w
-    row[7] = ms
+    return best
 
 
 @helper

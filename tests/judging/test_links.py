@@ -134,7 +134,7 @@ def test_a_vehicle_that_sends_nothing_is_looked_at_when_its_time_has_come(monkey
     advance = LinkVehicle.advance
 
     def counted(vehicle: LinkVehicle, clock: LinkClock) -> list[Notice]:
-        looked_at.append(vehicle.reader.vehicle.address)
+        looked_at.append(vehicle.vehicle.address)
         return advance(vehicle, clock)
 
     monkeypatch.setattr(LinkVehicle, "advance", counted)
