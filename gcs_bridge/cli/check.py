@@ -16,7 +16,7 @@ from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.recordings.open import READERS
 from gcs_bridge.recordings.packed import LOOKED_FOR, PACKED, recordings_in
-from gcs_bridge.report.formats import FORMATS, PAGE, TELL_REFUSED, Asked, format_of
+from gcs_bridge.report.formats import FORMATS, PAGE, TELL_REFUSED, Asked, Refused, format_of
 
 if TYPE_CHECKING:  # loaded when there is something to judge
     from gcs_bridge.cli.check_run import Judged
@@ -93,7 +93,7 @@ def check(
     settings = selection.settings({"check": {"fail_on": fail_on}} if fail_on else None)
     verified = selection.verified()
     before = None if baseline is None else read_baseline(baseline)
-    recordings, failures = find_recordings(paths)
+    recordings, unusable = find_recordings(paths)
     for output in outputs:
         refuse_unwritable(output, sources=recordings)
     place = None if evidence is None else Place(evidence, recordings)
@@ -125,15 +125,15 @@ def check(
     sizes = [size_of(recording) for recording in recordings]
     processes = 1 if verified["signing_key"] is not None else jobs_for(recordings, jobs)
     with ProgressBar(total_bytes=sum(sizes), enabled=not quiet) as progress:
-        for failure in failures:
+        for _, failure in unusable:
             complain(str(failure))
         if processes == 1:
             results = one_after_the_other(progress)
         else:
             results = judged_by_several(len(recordings), task_of, processes, told)
-        for one, size in zip(results, sizes, strict=True):
+        for recording, one, size in zip(recordings, results, sizes, strict=True):
             if one.failure is not None:
-                failures.append(one.failure)
+                unusable.append((recording, one.failure))
                 complain(str(one.failure))
             if one.entry is not None:
                 entries.append(one.entry)
@@ -150,14 +150,13 @@ def check(
     if before is not None and not quiet:
         raised = sum(len(vehicle.alarms) for entry in entries for vehicle in entry.vehicles)
         complain(f"{len(known.alarms)} of {raised} alarms and warnings are as in {baseline}", kind="note")
-    asked = Asked(
-        detail=verbose - quiet, fail_on=settings.check.fail_on, known=known, refused=tuple(map(str, failures))
-    )
+    refused = tuple(Refused(str(path), str(failure)) for path, failure in unusable)
+    asked = Asked(detail=verbose - quiet, fail_on=settings.check.fail_on, known=known, refused=refused)
     if pages and entries:
         from gcs_bridge.pages.files import write_pages
 
         for output in pages:
-            write_pages(output, report.files, kept_curves, asked.refused)
+            write_pages(output, report.files, kept_curves, [one.line for one in refused])
     for output in outputs:
         written = form or format_of(output)
         if written == PAGE:
@@ -176,13 +175,13 @@ def check(
         else:
             write_stdout(result)
     of_recordings = report.exit_code(settings.check.fail_on, known)
-    return worst_exit_code([*(failure.exit_code for failure in failures), of_recordings])
+    return worst_exit_code([*(failure.exit_code for _, failure in unusable), of_recordings])
 
 
-def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeError]]:
-    """The files named and those found in the folders named, each once; and what is wrong with folders."""
+def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[tuple[Path, GcsBridgeError]]]:
+    """The files named and those found in the folders named, each once; and folders, with what is wrong with them."""
     found: dict[Path, None] = {}
-    failures: list[GcsBridgeError] = []
+    failures: list[tuple[Path, GcsBridgeError]] = []
     for path in paths:
         if not os.path.isdir(path):
             found.update(dict.fromkeys(recordings_in(path) or [path]))
@@ -196,9 +195,10 @@ def find_recordings(paths: Iterable[Path]) -> tuple[list[Path], list[GcsBridgeEr
         )
         recordings = [one for file in inside for one in recordings_in(file)]
         found.update(dict.fromkeys(recordings))
-        failures += [SourceError(f"{error.filename}: cannot be searched: {error.strerror}") for error in unreadable]
+        for error in unreadable:
+            folder, why = Path(error.filename), error.strerror
+            failures.append((folder, SourceError(f"{folder}: cannot be searched: {why}")))
         if not recordings and not unreadable:
-            failures.append(
-                SourceError(f"{path}: no recording in this folder (looked for {', '.join(READERS)}, {PACKED} of each)")
-            )
+            looked_for = f"looked for {', '.join(READERS)}, {PACKED} of each"
+            failures.append((path, SourceError(f"{path}: no recording in this folder ({looked_for})")))
     return list(found), failures

@@ -10,7 +10,14 @@ from gcs_bridge.report import Report
 from gcs_bridge.report.baseline import NOTHING_KNOWN, Known
 from gcs_bridge.settings import FailOn
 
-__all__ = ["FORMATS", "PAGE", "TELL_REFUSED", "Asked", "format_of"]
+__all__ = ["FORMATS", "PAGE", "TELL_REFUSED", "Asked", "Refused", "format_of"]
+
+
+class Refused(NamedTuple):
+    """A source that could not be used, and what is said of it, in one line that begins with its path."""
+
+    path: str
+    line: str
 
 
 class Asked(NamedTuple):
@@ -20,8 +27,7 @@ class Asked(NamedTuple):
     """From −1, the last line of each file alone, to 1, every number: of the text."""
     fail_on: FailOn = "alarm"
     known: Known = NOTHING_KNOWN
-    refused: tuple[str, ...] = ()
-    """Sources that could not be used, each in one line."""
+    refused: tuple[Refused, ...] = ()
 
 
 def _junit(report: Report, asked: Asked) -> str:
@@ -33,7 +39,7 @@ def _junit(report: Report, asked: Asked) -> str:
 def _markdown(report: Report, asked: Asked) -> str:
     from gcs_bridge.report.markdown import comment
 
-    return comment(report, known=asked.known, refused=asked.refused)
+    return comment(report, known=asked.known, refused=[one.line for one in asked.refused])
 
 
 # By name, each loaded when it is asked for.

@@ -23,19 +23,19 @@ _READABLE = "readable"  # the only case of a source that could not be used
 _HAS_ATTITUDE = "attitude"  # and of a recording in which none came
 
 
-def suites(files: Sequence[File], *, fail_on: FailOn, known: Known, refused: Sequence[str]) -> str:
+def suites(files: Sequence[File], *, fail_on: FailOn, known: Known, refused: Sequence[tuple[str, str]]) -> str:
     """The XML of a report.
 
     What ends `check` with 1 is a failure, what ends it with 3 or 4 an error; what was so in the baseline is neither.
     A check that could not judge a vehicle is skipped, with the reason: as long as another one judged that vehicle.
+    `refused`: path and message of sources that could not be used.
     """
     root = ElementTree.Element("testsuites", name="gcs-bridge check")
     for entry in files:
         _suite(root, entry, fail_on, known)
-    for line in refused:
-        path, _, why = line.partition(": ")
+    for path, line in refused:
         suite = ElementTree.SubElement(root, "testsuite", name=one_line(path))
-        _told(_case(suite, path, _READABLE), "error", "source", why or line)
+        _told(_case(suite, path, _READABLE), "error", "source", line.removeprefix(f"{path}: "))
         _count(suite)
     _count(root)
     ElementTree.indent(root)

@@ -6,7 +6,7 @@ import pytest
 from junitparser import Error, Failure, JUnitXml, Skipped
 
 from gcs_bridge.report.baseline import NOTHING_KNOWN, known_from
-from gcs_bridge.report.formats import FORMATS, Asked
+from gcs_bridge.report.formats import FORMATS, Asked, Refused
 from gcs_bridge.settings import FailOn
 from tests.helpers.report_entries import ALARM, check, entry, report, stream, vehicle, without_quaternion
 
@@ -57,8 +57,8 @@ def test_what_could_not_be_judged_is_skipped_and_a_vehicle_that_was_not_an_error
 
 def test_a_source_that_cannot_be_used_is_an_error() -> None:
     """A suite of its own, so that it cannot be overlooked."""
-    found = read(AGREE, refused=("gone.tlog: cannot be read: no such file",))
-    (error,) = found["gone.tlog::readable"]
+    found = read(AGREE, refused=(Refused("day: 1/gone.tlog", "day: 1/gone.tlog: cannot be read: no such file"),))
+    (error,) = found["day: 1/gone.tlog::readable"]
     assert (type(error), error.message) == (Error, "cannot be read: no such file")
 
 

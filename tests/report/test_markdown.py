@@ -7,7 +7,7 @@ import pytest
 from markdown_it import MarkdownIt
 
 from gcs_bridge.report.baseline import known_from
-from gcs_bridge.report.formats import FORMATS, Asked
+from gcs_bridge.report.formats import FORMATS, Asked, Refused
 from tests.helpers.report_entries import ALARM, entry, report, vehicle, without_quaternion
 
 ALARMED = entry(vehicle("alarm"), verdict="alarm", path="bad_one.tlog")
@@ -70,4 +70,6 @@ def test_it_is_never_longer_than_a_comment_may_be(count: int) -> None:
 
 def test_sources_that_cannot_be_used_are_told() -> None:
     """Even if there is nothing else."""
-    assert "<li>❌ gone.tlog: cannot be read</li>" in rendered(refused=("gone.tlog: cannot be read",))
+    assert "<li>❌ gone.tlog: cannot be read</li>" in rendered(
+        refused=[Refused("gone.tlog", "gone.tlog: cannot be read")]
+    )
