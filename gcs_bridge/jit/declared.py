@@ -64,6 +64,8 @@ def _type_of(hint: Any) -> Declared | None:
     said: tuple[Any, ...] = ()
     if get_origin(hint) is Annotated:
         hint, said = hint.__origin__, hint.__metadata__
+    if hasattr(get_origin(hint), "__value__"):  # an alias of Python 3.12's kind, as numpy's own are since 2.5
+        hint = get_origin(hint).__value__[get_args(hint)]
     if hint in (int, float, bool):
         return Scalar(hint)
     if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from types import FunctionType
-from typing import Annotated, Any, NamedTuple, cast
+from typing import Annotated, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from typing_extensions import TypeAliasType
 
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
 from gcs_bridge.jit.declared import ArrayOf, Scalar, TupleOf, declared_types, text_of
@@ -37,6 +38,19 @@ def test_arrays_have_one_dimension_unless_more_are_declared() -> None:
         ArrayOf(np.dtype(np.float64), 2),
         ArrayOf(np.dtype(np.uint8), 3),
     )
+
+
+Number = TypeVar("Number", bound=np.generic)
+Aliased = TypeAliasType("Aliased", np.ndarray[tuple[Any, ...], np.dtype[Number]], type_params=(Number,))
+Halves = Aliased[np.float32]
+
+
+def test_aliases_of_python_3_12_are_what_they_stand_for() -> None:
+    """Numpy's NDArray is such a one since 2.5."""
+
+    def f(a: Halves, b: Annotated[Halves, 2]) -> None: ...
+
+    assert types_of(f) == (ArrayOf(np.dtype(np.float32), 1), ArrayOf(np.dtype(np.float32), 2))
 
 
 def test_numbers_and_named_tuples() -> None:
