@@ -100,7 +100,7 @@ def layout(
 
 
 def _alone(key: VehicleId, timeline: str, plots: _Plots, scene: _Part, *, moves: bool, alarmed: bool) -> rrb.Container:
-    beside = rrb.Horizontal(_indicator(key), _alarms(key), column_shares=[1.0, 1.3])
+    beside = rrb.Horizontal(_indicator(key), _alarms(key), column_shares=[1.0, 1.55])
     lanes = ("state", "mode", "verdict/**")
     states = plots.states([f"+ /{path_of(key, lane)}" for lane in lanes])
     left = rrb.Vertical(scene, beside, states, row_shares=[5.2, 3.8 if alarmed else 2.9, 3.3])

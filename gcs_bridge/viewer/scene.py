@@ -46,7 +46,7 @@ from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.airframes import Airframe, airframe_of, shape_of
 from gcs_bridge.viewer.base import UTC
 from gcs_bridge.viewer.below import FRAME
-from gcs_bridge.viewer.compass import horizon, rose
+from gcs_bridge.viewer.compass import HORIZON_M, horizon, rose
 from gcs_bridge.viewer.palette import ALARM, LEVEL_AXES, OK, UNKNOWN, WARNING
 from gcs_bridge.viewer.palette import EULER as _EULER
 from gcs_bridge.viewer.palette import QUATERNION as _QUATERNION
@@ -193,7 +193,11 @@ def vehicle_parts(key: VehicleId, place: int) -> Iterator[Part]:
     """What never changes of a vehicle, whatever it sends; it is the `place`-th, from 0."""
     body = path_of(key, "body")
     yield body, rr.Transform3D(translation=place_of(place))
-    yield f"{body}/name", rr.Transform3D(translation=lift_of(place))
+    lift = lift_of(place)
+    yield f"{body}/name", rr.Transform3D(translation=lift)
+    if lift[2]:  # a vehicle of the row behind may be nearer to it: a line leads to its own
+        to_name = np.array([(0.0, 0.0, -HORIZON_M), np.add(NAME_AT, lift)])
+        yield f"{body}/name/post", rr.LineStrips3D([to_name - lift], colors=[_light(place)], radii=0.005)
     for name, lines in rose(GROUND_M):
         width = rr.Radius.ui_points(0.5 if name == "degrees" else 0.8)  # as wide from afar as from near
         yield f"{body}/compass/{name}", rr.LineStrips3D(lines, colors=[_light(place)], radii=width)
