@@ -14,6 +14,7 @@ import os
 import secrets
 import sys
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -267,6 +268,7 @@ class Dataset:
         write_file(msgspec.json.format(msgspec.json.encode(manifest)) + b"\n", self.folder / MANIFEST)
 
 
+@cache  # of a million recordings most are alike
 def codes_of(verdict: str, *, compared: bool) -> frozenset[str]:
     """What matters of a recording for how the survey ends."""
     return frozenset({verdict}) | (frozenset() if compared else frozenset({"uncompared"}))
