@@ -29,6 +29,13 @@ def is_there(pid: int) -> bool:
         return not Path("/proc/self/stat").exists()
 
 
+def wait_for(file: Path) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while not file.exists():
+        assert time.monotonic() < end_s, f"nobody writes {file}"
+        time.sleep(0.02)
+
+
 def wait_until_gone(pid: int) -> None:
     end_s = time.monotonic() + PATIENCE_S
     while is_there(pid):
@@ -88,11 +95,7 @@ def test_workers_end_with_their_parent(tmp_path: Path) -> None:
         f"list(Processes(1).run(begin_and_wait, [{str(file)!r}]))"
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT) as parent:
-        end_s = time.monotonic() + PATIENCE_S
-        while not file.exists():
-            assert parent.poll() is None
-            assert time.monotonic() < end_s
-            time.sleep(0.02)
+        wait_for(file)
         parent.kill()
     wait_until_gone(int(file.read_text()))
 
@@ -103,7 +106,6 @@ def test_leaving_waits_for_nothing(tmp_path: Path) -> None:
     with Processes(2) as processes:
         done = processes.run(begin_or_square, [str(file), "3"])
         assert next(done).result == 9
-        while not file.exists():
-            time.sleep(0.02)
+        wait_for(file)
         pids = processes.pids
     assert not any(map(is_there, pids))
