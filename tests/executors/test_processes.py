@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from gcs_bridge.errors import UsageError
 from gcs_bridge.executors.processes import Processes
 from tests.helpers.paths import ROOT
 from tests.helpers.worked import DEADLY, begin_or_square, pid_of, squared
@@ -53,6 +54,15 @@ def test_a_process_that_dies_costs_its_task_alone() -> None:
     assert lost.task == DEADLY
     assert "SIGKILL" in str(lost.lost)
     assert not any(map(is_there, pids))
+
+
+def test_processes_that_cannot_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not all of a million tasks are tried: here each ends before it looks at one."""
+    monkeypatch.setattr("gcs_bridge.executors.processes._begin", sys.exit)
+    tried: list[int] = []
+    with pytest.raises(UsageError, match="worker processes cannot begin"), Processes(1) as processes:
+        tried.extend(outcome.task for outcome in processes.run(squared, range(1000)))
+    assert len(tried) < 10
 
 
 def test_processes_are_replaced() -> None:
