@@ -130,18 +130,22 @@ def _pattern(vehicle: str) -> re.Pattern[str]:
 
 def _executor(scheduler: str | None, workers: int | None, selection: Selection) -> Executor:
     """What judges. UsageError where it cannot."""
-    if scheduler is None:
-        from gcs_bridge.executors.base import cores
-        from gcs_bridge.executors.processes import Processes
-
-        return Processes(workers or cores())
-    if workers is not None:
+    if workers is not None and scheduler is not None:
         raise UsageError("--workers is of this machine, and --scheduler has workers of its own: give one of them")
     if selection.signing_key_file is not None:
-        raise UsageError("--signing-key-file: a key is not sent to other machines: judge without --scheduler")
-    from gcs_bridge.executors.cluster import Cluster
+        if workers is not None or scheduler is not None:
+            raise UsageError("--signing-key-file: a key is given to no other process: leave out --workers, --scheduler")
+        from gcs_bridge.executors.here import Here
 
-    return Cluster(scheduler)
+        return Here()
+    if scheduler is not None:
+        from gcs_bridge.executors.cluster import Cluster
+
+        return Cluster(scheduler)
+    from gcs_bridge.executors.base import cores
+    from gcs_bridge.executors.processes import Processes
+
+    return Processes(workers or cores())
 
 
 def _json(summary: Summary) -> bytes:

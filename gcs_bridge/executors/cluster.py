@@ -74,7 +74,10 @@ class Cluster:
     @property
     def workers(self) -> int:
         """How many tasks are worked on at a time."""
-        return sum(self._client.nthreads().values())
+        try:
+            return sum(self._client.nthreads().values())
+        except OSError:
+            raise self._gone() from None
 
     def run(self, work: Callable[[TaskT], ResultT], tasks: Iterable[TaskT | None]) -> Iterator[Outcome[TaskT, ResultT]]:
         """As of an `Executor`."""
@@ -126,8 +129,11 @@ class Cluster:
         except ImportError as error:  # of a worker that came later
             raise self._other_version("one of its workers", error) from None
         except (CancelledError, OSError):
-            raise UsageError(f"--scheduler {self._address}: the scheduler has gone") from None
+            raise self._gone() from None
         return outcomes
+
+    def _gone(self) -> UsageError:
+        return UsageError(f"--scheduler {self._address}: the scheduler has gone")
 
     def __enter__(self) -> Cluster:
         return self

@@ -11,7 +11,7 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -19,6 +19,7 @@ from threading import Thread
 from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
 
+from gcs_bridge.errors import UsageError
 from gcs_bridge.executors.base import Outcome
 from gcs_bridge.jit.preparation import let_others_tell
 
@@ -27,6 +28,8 @@ __all__ = ["Processes"]
 TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")
 _MOST_TASKS = 500  # of a process: what libraries keep for good goes with it
+_MOST_ENDED = 4  # processes, before one did a task: then none ever will
+_BY_ITSELF = "ended by itself"
 _MOST_MEMORY = 2**30  # bytes that a process has held at once: what it keeps of that goes with it, too
 
 
@@ -35,6 +38,7 @@ class Processes:
 
     def __init__(self, workers: int, *, most_tasks: int = _MOST_TASKS, most_memory: int = _MOST_MEMORY) -> None:
         """A process is replaced after `most_tasks`, and once it has held more than `most_memory` bytes."""
+        self._can_begin, self._ended = False, 0
         self._workers = [_Worker(most_tasks, most_memory, tells=not number) for number in range(workers)]
 
     @property
@@ -63,9 +67,19 @@ class Processes:
             ended = [(*out.pop(future), future) for future in done]
             idle += [worker for worker, _, _ in ended]
             outcomes: list[Outcome[TaskT, ResultT]] = [worker.outcome(task, future) for worker, task, future in ended]
+            self._look_at(outcomes)
             hand_out()  # before anybody looks at what was done, so that nobody waits for that
             yield from outcomes
             hand_out()  # what was waited for may be done now
+
+    def _look_at(self, outcomes: Sequence[Outcome[Any, Any]]) -> None:
+        """UsageError where no process can begin, as not a task was done, and several ended by themselves."""
+        self._can_begin |= any(outcome.lost is None for outcome in outcomes)
+        self._ended += sum(outcome.lost is not None and _BY_ITSELF in outcome.lost for outcome in outcomes)
+        if not self._can_begin and self._ended > _MOST_ENDED:
+            raise UsageError(
+                f"worker processes cannot begin: {self._ended} of them {_BY_ITSELF} before a task was done"
+            )
 
     def __enter__(self) -> Processes:
         return self
@@ -145,7 +159,7 @@ class _Worker:
         process = self._context.process
         code = None if process is None else process.exitcode
         if code is None or code >= 0:
-            return f"its worker process ended (exit code {code}) before it was done"
+            return f"its worker process {_BY_ITSELF} (exit code {code})"
         name = signal.Signals(-code).name
         why = ": was there too little memory?" if name == "SIGKILL" else ""
         return f"its worker process was ended by {name}{why}"

@@ -14,6 +14,7 @@ import os
 import secrets
 import sys
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -115,17 +116,22 @@ class Dataset:
         unchanged = file is not None and (file.size, file.stamp) == (candidate.size, candidate.stamp)
         return file.codes if file is not None and unchanged and candidate.stamp and file.missing <= 0 else None
 
-    def has_path(self, path: str) -> bool:
-        """Whether a file of this path was judged, be it the same or not."""
-        return _holder(path) in self._files
+    def stamp(self, path: str) -> str:
+        """The stamp of the file of this path that was judged, as a whole; empty where there is none."""
+        file = self._files.get(_holder(path))
+        return "" if file is None or file.missing > 0 else file.stamp
 
     def known(self, size: int | None) -> frozenset[str]:
         """Contents of files of that size that were judged, or some of them."""
         return frozenset(self._by_size.get(size or -1, ())[-_MOST_KNOWN:])
 
+    def codes_of_file(self, path: str) -> frozenset[str]:
+        """What came of a file that was judged."""
+        return self._files[_holder(path)].codes
+
     def codes_of_content(self, content: str) -> frozenset[str]:
         """What came of a content that was judged."""
-        return self._files[_holder(self._contents[content])].codes
+        return self.codes_of_file(self._contents[content])
 
     def add(self, result: Result) -> bool:
         """Keep what was judged; False: there is the same content already."""
@@ -267,6 +273,7 @@ class Dataset:
         write_file(msgspec.json.format(msgspec.json.encode(manifest)) + b"\n", self.folder / MANIFEST)
 
 
+@cache  # of a million recordings most are alike
 def codes_of(verdict: str, *, compared: bool) -> frozenset[str]:
     """What matters of a recording for how the survey ends."""
     return frozenset({verdict}) | (frozenset() if compared else frozenset({"uncompared"}))

@@ -19,7 +19,7 @@ from gcs_bridge.survey.parts import read_table
 __all__ = ["Drift", "drifts"]
 
 _LEAST_FLIGHTS = 3
-_MOST_VEHICLES = 50  # of each quantity, those that change most clearly
+_MOST_VEHICLES = 20  # of each quantity, those that change most clearly
 _MOST_POINTS = 100
 _FLOOR = 0.02  # deg, deg/s: so much less than that is no change to anybody
 _DAY_US = 86_400_000_000

@@ -150,7 +150,9 @@ def _told(told: dict[str, Any]) -> tuple[int | None, str]:
 def why_not(error: BaseException) -> str:
     """Why something at a URL cannot be read, in one line, and what to do about it where that is known."""
     cause = error.__cause__  # fsspec says of a server that does not answer that there is no such file
-    if isinstance(error, FileNotFoundError):
+    if isinstance(error, TimeoutError) or isinstance(cause, TimeoutError):
+        said = f"the server does not answer (it was waited for {_READ_S} s)"
+    elif isinstance(error, FileNotFoundError):
         said = "no such file" if cause is None else one_line(str(cause)) or type(cause).__name__
     else:
         said = one_line(str(error)) or type(error).__name__

@@ -11,7 +11,7 @@ from typing import Protocol
 from gcs_bridge.errors import SourceError, UsageError, one_line
 from gcs_bridge.executors.base import Executor, Outcome
 from gcs_bridge.survey.dataset import Dataset, codes_of
-from gcs_bridge.survey.found import Candidate, is_url, opened_at, stamp_of
+from gcs_bridge.survey.found import Candidate, is_url
 from gcs_bridge.survey.task import Asked, Result, Task, survey_one
 
 __all__ = ["Ran", "Watch", "survey"]
@@ -80,27 +80,14 @@ class _Run:
             if isinstance(one, SourceError):
                 self.ran.failures.append(one_line(str(one)))
                 continue
-            candidate = self._asked_for(one)
-            codes = self._dataset.codes(candidate)
+            codes = self._dataset.codes(one)
             if codes is not None:
                 self.ran.known += 1
                 self.ran.codes |= codes
                 continue
-            self.waiting.append(Task(asked=self._asked, path=one.path, size=candidate.size, stamp=candidate.stamp))
-            self._watch.planned(1, candidate.size or 0)
-
-    def _asked_for(self, candidate: Candidate) -> Candidate:
-        """The same with size and stamp: of a URL they are asked for where it may be known by them."""
-        if candidate.stamp or not is_url(candidate.path) or not self._dataset.has_path(candidate.path):
-            return candidate
-        try:
-            files, root = opened_at(candidate.path)
-            told = files.info(root)
-        except UsageError:
-            raise
-        except Exception:  # noqa: BLE001  # who reads it will tell
-            return candidate
-        return Candidate(candidate.path, told.get("size"), stamp_of(told))
+            before = "" if one.stamp or not is_url(one.path) else self._dataset.stamp(one.path)
+            self.waiting.append(Task(asked=self._asked, path=one.path, size=one.size, stamp=one.stamp, before=before))
+            self._watch.planned(1, one.size or 0)
 
     def tasks(self) -> Iterator[Task]:
         """Each once, with what is known by then."""
@@ -127,6 +114,9 @@ class _Run:
             return
         if result.failure is not None:
             self.ran.failures.append(result.failure)
+        elif result.unchanged:
+            self.ran.known += 1
+            self.ran.codes |= self._dataset.codes_of_file(task.path)
         elif result.known is not None:
             self.ran.copies += 1
             self.ran.codes |= self._dataset.codes_of_content(result.known)

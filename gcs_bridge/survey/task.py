@@ -62,6 +62,7 @@ class Task:
     path: str
     size: int | None = None
     stamp: str = ""
+    before: str = ""  # the stamp of a file at that URL that was judged: with the same it need not be fetched
     inside: str | None = None
     known: frozenset[str] = frozenset()
     of: int = 1  # so many recordings are in the file
@@ -80,6 +81,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     alarms: list[Row] = []
     known: str | None = None
     """The content, where that was judged already."""
+    unchanged: bool = False
+    """The file is the one that was judged before."""
     inside: list[str] = []
     """What is in it, where that is more than one recording: each is a task of its own."""
     content: str = ""
@@ -105,6 +108,8 @@ def _told(task: Task, here: tuple[Path, int, str] | None) -> Result:
     try:
         if here is not None:
             return _surveyed(task, named, *here)
+        if task.before and _stamp_at(task.path) == task.before:
+            return Result(unchanged=True)
         with _here(task) as found:
             result = _surveyed(task, named, *found)
             if not result.inside or not is_url(task.path):
@@ -196,6 +201,17 @@ def _here(task: Task) -> Iterator[tuple[Path, int, str]]:
         except Exception as error:  # noqa: BLE001  # each file system has errors of its own
             raise SourceError(f"{task.path}: cannot be read: {why_not(error)}") from None
         yield Path(f"{copy}{INSIDE}{inside}") if inside else copy, copy.stat().st_size, stamp
+
+
+def _stamp_at(url: str) -> str:
+    """The stamp of a file that is elsewhere; empty where it has none, or cannot be asked for: who fetches it tells."""
+    try:
+        files, root = opened_at(_split(url)[0])
+        return stamp_of(files.info(root))
+    except UsageError:
+        raise
+    except Exception:  # noqa: BLE001  # each file system has errors of its own
+        return ""
 
 
 def _split(url: str) -> tuple[str, str | None]:

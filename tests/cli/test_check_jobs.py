@@ -66,6 +66,7 @@ def test_all_outputs_are_the_same(logs: Path, tmp_path: Path, capfd: pytest.Capt
     assert any(name.endswith("alarm.parquet") or "evidence/0/" in name for name in written[1])
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_costs_its_recording(
     logs: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -22,6 +22,7 @@ from tests.helpers.surveyed import rows
 
 ALARMING, GOOD = FIXTURES / "k8_stream_stops.tlog", FIXTURES / "d_tailsitter_tumble.tlog"
 PATIENCE_S = 120
+SIGNING_KEY = bytes(range(32))  # of g_signed
 
 
 class Ended(NamedTuple):
@@ -91,7 +92,7 @@ def test_a_fleet(survey: Any, tmp_path: Path) -> None:
     [
         (["--scheduler", "tcp://127.0.0.1:1", "--workers", "2"], "give one of them"),
         (["--vehicle", "("], "no regular expression"),
-        (["--scheduler", "tcp://127.0.0.1:1", "--signing-key-file", "KEY"], "a key is not sent"),
+        (["--scheduler", "tcp://127.0.0.1:1", "--signing-key-file", "KEY"], "a key is given to no other process"),
         (["--profile", "nix"], "unknown profile"),
         (["nix://bucket/"], "nix"),
     ],
@@ -103,6 +104,17 @@ def test_wrong_usage(arguments: list[str], said: str, survey: Any, tmp_path: Pat
     ended = survey(GOOD, *(str(tmp_path / "key") if one == "KEY" else one for one in arguments))
     assert (ended.code, ended.out, len(ended.err)) == (2, "", 1)
     assert said in ended.err[0]
+
+
+def test_signed_recordings(survey: Any, tmp_path: Path) -> None:
+    """By the right key and by another: judged in this process, as no other is given the key."""
+    key = tmp_path / "key"
+    key.touch(mode=0o600)
+    signed = FIXTURES / "g_signed.tlog"
+    for content, code in ((bytes(32), 4), (SIGNING_KEY, 0)):
+        key.write_bytes(content)
+        assert survey(signed, "--signing-key-file", key, "--unsigned", "reject", "-q").code == code
+    assert len(list((tmp_path / "out" / "earlier").iterdir())) == 1
 
 
 def test_nothing_to_judge(survey: Any, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from gcs_bridge.errors import UsageError
 from gcs_bridge.executors.processes import Processes
 from tests.helpers.paths import ROOT
 from tests.helpers.worked import DEADLY, begin_or_square, pid_of, squared
@@ -29,6 +30,13 @@ def is_there(pid: int) -> bool:
         return not Path("/proc/self/stat").exists()
 
 
+def wait_for(file: Path) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while not file.exists():
+        assert time.monotonic() < end_s, f"nobody writes {file}"
+        time.sleep(0.02)
+
+
 def wait_until_gone(pid: int) -> None:
     end_s = time.monotonic() + PATIENCE_S
     while is_there(pid):
@@ -46,6 +54,15 @@ def test_a_process_that_dies_costs_its_task_alone() -> None:
     assert lost.task == DEADLY
     assert "SIGKILL" in str(lost.lost)
     assert not any(map(is_there, pids))
+
+
+def test_processes_that_cannot_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not all of a million tasks are tried: here each ends before it looks at one."""
+    monkeypatch.setattr("gcs_bridge.executors.processes._begin", sys.exit)
+    tried: list[int] = []
+    with pytest.raises(UsageError, match="worker processes cannot begin"), Processes(1) as processes:
+        tried.extend(outcome.task for outcome in processes.run(squared, range(1000)))
+    assert len(tried) < 10
 
 
 def test_processes_are_replaced() -> None:
@@ -88,11 +105,7 @@ def test_workers_end_with_their_parent(tmp_path: Path) -> None:
         f"list(Processes(1).run(begin_and_wait, [{str(file)!r}]))"
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT) as parent:
-        end_s = time.monotonic() + PATIENCE_S
-        while not file.exists():
-            assert parent.poll() is None
-            assert time.monotonic() < end_s
-            time.sleep(0.02)
+        wait_for(file)
         parent.kill()
     wait_until_gone(int(file.read_text()))
 
@@ -103,7 +116,6 @@ def test_leaving_waits_for_nothing(tmp_path: Path) -> None:
     with Processes(2) as processes:
         done = processes.run(begin_or_square, [str(file), "3"])
         assert next(done).result == 9
-        while not file.exists():
-            time.sleep(0.02)
+        wait_for(file)
         pids = processes.pids
     assert not any(map(is_there, pids))

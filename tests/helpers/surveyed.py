@@ -7,13 +7,13 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from gcs_bridge.executors.base import Executor
+from gcs_bridge.executors.here import Here
 from gcs_bridge.settings import Settings
 from gcs_bridge.survey.dataset import Dataset
 from gcs_bridge.survey.found import find
 from gcs_bridge.survey.parts import TABLES
 from gcs_bridge.survey.run import Ran, survey
 from gcs_bridge.survey.task import Asked, Pages, Result
-from tests.helpers.worked import Inline
 
 DIGEST = "0123456789ab"
 
@@ -46,7 +46,7 @@ def surveyed_into(
         settings_digest=DIGEST,
         pages=Pages(folder=str(dataset.folder), token=dataset.token, every=False) if pages else None,
     )
-    return survey(find(map(str, paths)), dataset, asked, executor or Inline(), Unwatched())
+    return survey(find(map(str, paths)), dataset, asked, executor or Here(), Unwatched())
 
 
 def rows(folder: Path, table: str) -> list[dict[str, Any]]:

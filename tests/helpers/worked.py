@@ -3,14 +3,9 @@
 import os
 import signal
 import time
-from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any
 
-from gcs_bridge.executors.base import Outcome
-
-TaskT = TypeVar("TaskT")
-ResultT = TypeVar("ResultT")
 DEADLY = -1
 
 
@@ -40,23 +35,6 @@ def begin_or_square(task: str) -> int | None:
         return squared(int(task))
     begin_and_wait(task)
     return None
-
-
-class Inline:
-    """An `Executor` without a process of its own: what is tested is what is done, not where."""
-
-    workers = 1
-
-    def run(self, work: Callable[[TaskT], ResultT], tasks: Iterable[TaskT | None]) -> Iterator[Outcome[TaskT, ResultT]]:
-        for task in tasks:
-            assert task is not None
-            yield Outcome(task, work(task))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
 
 
 def die_at(numbered: Any) -> Any:
