@@ -1,14 +1,18 @@
 """A vehicle at 50 Hz on a real link, watched in a real viewer: what `listen` costs, and how old the newest sample is.
 
-    python -m benchmarks.live              # a minute; the viewer runs without a window (Linux)
+    python -m benchmarks.live                  # a minute; the viewer runs without a window (Linux)
+    python -m benchmarks.live --vehicles 4     # several on one link
 
 The flight is `b_copter_acro`, sent over UDP at the speed at which it was flown. Its age is the time now less the
-receive time of the newest sample that the viewer has, asked for some hundred times a second.
+receive time of the newest sample that the viewer has, asked for some hundred times a second. All bodies of
+a link are drawn in one piece, so it is that of each vehicle.
 """
 
 from __future__ import annotations
 
+import argparse
 import contextlib
+import functools
 import os
 import re
 import signal
@@ -23,6 +27,8 @@ from urllib.parse import unquote
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.fleet import Fleet, Flight
+from benchmarks.send_datagrams import connected, send
 from gcs_bridge.mavlink.dialect import load_dialect
 from gcs_bridge.mavlink.scanner import Scanner
 
@@ -38,8 +44,20 @@ def free_port(kind: int) -> int:
         return int(probe.getsockname()[1])
 
 
-def fly(port: int) -> None:
+@functools.cache
+def fleet(vehicles: int) -> Flight:
+    """What several vehicles fly, made once: that takes seconds."""
+    return Fleet(vehicles, also=("GLOBAL_POSITION_INT",)).copies(0, 1)
+
+
+def fly(port: int, vehicles: int = 1) -> None:
     """Send the recording's first seconds to `port`, each frame at its time."""
+    if vehicles > 1:
+        flight = fleet(vehicles)
+        count = int(np.searchsorted(flight.due_us, SECONDS * 1e6))
+        with connected(port) as sender:
+            send(flight.data, flight.ends[:count], time.time() + flight.due_us[:count] / 1e6, sender)
+        return
     scanner = Scanner(load_dialect(), timed=True)
     scanner.scan(RECORDING.read_bytes(), final=True)
     began_s = time.monotonic()
@@ -76,20 +94,20 @@ def listening(viewer: str) -> tuple[subprocess.Popen[str], int]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=_QUIET), port
 
 
-def without_a_viewer() -> float:
+def without_a_viewer(vehicles: int) -> float:
     """The share of a processor that it takes."""
     process, port = listening("none")
     assert process.stdout is not None
     process.stdout.readline()  # the link is up
     started = cpu_s(process.pid)
-    fly(port)
+    fly(port, vehicles)
     share = (cpu_s(process.pid) - started) / SECONDS
     process.terminate()
     process.communicate()
     return share
 
 
-def with_a_viewer() -> tuple[float, npt.NDArray[np.float64]]:
+def with_a_viewer(vehicles: int) -> tuple[float, npt.NDArray[np.float64]]:
     """The same with one that looks on, and how old the newest sample is in it, ms."""
     process, port = listening("web")
     viewer_port = free_port(socket.SOCK_STREAM)
@@ -104,8 +122,10 @@ def with_a_viewer() -> tuple[float, npt.NDArray[np.float64]]:
     done = threading.Event()
 
     def fly_and_tell() -> None:
-        fly(port)
-        done.set()
+        try:
+            fly(port, vehicles)
+        finally:
+            done.set()
 
     flight = threading.Thread(target=fly_and_tell)
     flight.start()
@@ -118,11 +138,14 @@ def with_a_viewer() -> tuple[float, npt.NDArray[np.float64]]:
     return share, measured[len(measured) // 5 :]
 
 
-def main() -> None:
+def main(vehicles: int = 1) -> None:
     """Measure, and print three lines."""
-    sys.stdout.write(f"listen without a viewer, 50 Hz: {without_a_viewer():.1%} of a processor\n")
-    share, settled = with_a_viewer()
-    sys.stdout.write(f"listen with a viewer, 50 Hz: {share:.1%} of a processor\n")
+    if vehicles > 1:
+        fleet(vehicles)
+    of = f"{vehicles} vehicle{'s' * (vehicles > 1)} at 50 Hz"
+    sys.stdout.write(f"listen without a viewer, {of}: {without_a_viewer(vehicles):.1%} of a processor\n")
+    share, settled = with_a_viewer(vehicles)
+    sys.stdout.write(f"listen with a viewer, {of}: {share:.1%} of a processor\n")
     low, high, worst = np.percentile(settled, [50, 95, 100])
     sys.stdout.write(f"age of the newest sample: median {low:.0f} ms, p95 {high:.0f} ms, max {worst:.0f} ms\n")
 
@@ -134,4 +157,6 @@ def cpu_s(pid: int) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description="What `listen` costs at 50 Hz, and how old the newest sample is.")
+    parser.add_argument("--vehicles", type=int, default=1, help="on one link  [1]")
+    main(parser.parse_args().vehicles)

@@ -15,7 +15,7 @@ import rerun as rr
 from gcs_bridge import attitude
 from gcs_bridge.alarms.record import axis_of
 from gcs_bridge.checks.euler_quaternion import Disagreement, EulerQuaternion
-from gcs_bridge.columns import Floats
+from gcs_bridge.columns import Floats, any_true
 from gcs_bridge.contract import Diagnosis
 from gcs_bridge.diagnosis.hypotheses import ROWS, TRIMS, Hypothesis
 from gcs_bridge.diagnosis.wording import amount
@@ -119,6 +119,9 @@ class Apart:
     def _open(self, observation: Observation) -> Iterator[Rows | Shown]:
         """Ghost, axis and arc, where two attitudes of one instant are apart by more than their limit."""
         pairs, found = observation.pairs, observation.disagreement
+        if not (self._is_open or any_true(found.judged & (found.angle > found.limit))):  # so with nearly all
+            self._latest_us = max(self._latest_us, int(pairs.t_boot_us.max()))
+            return
         known = in_order(pairs.t_boot_us, self._latest_us)
         if not len(known):
             return
