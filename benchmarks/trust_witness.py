@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from gcs_bridge import attitude
+from gcs_bridge.alarms.ballot import Ballot
 from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import PENDING, State
-from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.settings import load_settings
 from gcs_bridge.telemetry.samples import AttitudeSamples

@@ -14,13 +14,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from gcs_bridge.alarms.ballot import Ballot, SlotNow
 from gcs_bridge.alarms.grouping import RaiseGrouping
 from gcs_bridge.alarms.rated import Worst
 from gcs_bridge.alarms.record import AlarmRecord
 from gcs_bridge.alarms.slot import AlarmSlot
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import MOVING, PENDING, STANDING, AnnouncementSignal, Change, Signal, State
-from gcs_bridge.alarms.votes import Ballot, SlotNow
 from gcs_bridge.contract import Diagnosis
 from gcs_bridge.errors import UsageError
 from gcs_bridge.events import (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gcs_bridge.alarms.ballot import Ballot
 from gcs_bridge.alarms.rated import Worst
 from gcs_bridge.alarms.record import AlarmRecord, scale_of
 from gcs_bridge.alarms.spec import AlarmSpec
@@ -16,7 +17,6 @@ from gcs_bridge.alarms.state import (
     Signal,
     State,
 )
-from gcs_bridge.alarms.votes import Ballot
 
 
 class AlarmSlot:

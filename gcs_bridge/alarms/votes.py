@@ -1,30 +1,27 @@
 """The votes and delays of all alarms of a vehicle, compiled: a check's kernel gives each sample to its alarms itself.
 
-Sample after sample, in order of arrival; what comes out are changes of state alone. The rules are those of `state`.
+Sample after sample, in order of arrival; what comes out are changes of state alone. The rules are those of `state`;
+Python's side of it is `ballot`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from gcs_bridge.alarms.rated import Rated, Worst
-from gcs_bridge.alarms.spec import AlarmSpec
-from gcs_bridge.alarms.state import CLEARING, PENDING, QUIET, TRANSITIONS, Change, Signal, State
+from gcs_bridge.alarms.state import CLEARING, PENDING, QUIET, TRANSITIONS, Signal, State
 from gcs_bridge.columns import FloatRows, Floats, Int64Rows, Int64s, Records
 from gcs_bridge.jit import helper, inlined, kernel
 
-_STATES, _SIGNALS = tuple(State), tuple(Signal)
-NEXT = np.array([[_STATES.index(TRANSITIONS.get((one, by), one)) for by in _SIGNALS] for one in _STATES])
-IS_PENDING, IS_CLEARING, IS_QUIET = (np.array([one in of for one in _STATES]) for of in (PENDING, CLEARING, QUIET))
+STATES, SIGNALS = tuple(State), tuple(Signal)
+NEXT = np.array([[STATES.index(TRANSITIONS.get((one, by), one)) for by in SIGNALS] for one in STATES])
+IS_PENDING, IS_CLEARING, IS_QUIET = (np.array([one in of for one in STATES]) for of in (PENDING, CLEARING, QUIET))
 _BAD, _BETWEEN, _LOW, _DELAYED = (
-    _SIGNALS.index(one) for one in (Signal.BAD, Signal.BETWEEN, Signal.LOW, Signal.DELAYED)
+    SIGNALS.index(one) for one in (Signal.BAD, Signal.BETWEEN, Signal.LOW, Signal.DELAYED)
 )
-_NO_SIGNAL = -1
-_SHORT = 32  # excursions that were too short, of which as many can count together
+NO_SIGNAL = -1
+SHORT = 32  # excursions that were too short, of which as many can count together
 _EXCURSIONS, _DELAYS = 3, 1.5  # so many, and so many on-delays long together, raise the alarm
 
 ALARM = np.dtype(
@@ -69,7 +66,7 @@ CHANGE = np.dtype(
         ("worst_detail", "f8", (5,)),
     ]
 )
-_T, _VALUE, _IS_BAD, _IS_LOW, _DETAIL = range(5)  # columns of `recent`; the detail has five
+_T, _VALUE, _IS_BAD, IS_LOW, DETAIL = range(5)  # columns of `recent`; the detail has five
 
 
 class Votes(NamedTuple):
@@ -77,7 +74,7 @@ class Votes(NamedTuple):
 
     alarm: Annotated[Records, ALARM]  # (n,)
     recent: Annotated[Floats, 3]  # (n, counted, 9) a ring of the last samples each
-    short: Annotated[Int64s, 3]  # (k, _SHORT, 3) excursions that were taken back: onset, and from when to when pending
+    short: Annotated[Int64s, 3]  # (k, SHORT, 3) excursions that were taken back: onset, and from when to when pending
     signal: Int64Rows  # (m, 2) frame and place in Signal, those of one alarm together
     change: Annotated[Records, CHANGE]  # as many as there is room for
     changes: Int64s  # (1,) how many there are
@@ -103,7 +100,7 @@ def vote(votes: Any, a: Any, frame_index: Any, t_us: Any, value: Any, limit: Any
 def forget_samples(votes: Any, a: Any) -> Any:
     """The samples of the alarm `a` so far have no vote any more: today they would be judged otherwise."""
     for i in range(votes.alarm[a].counted_samples):
-        votes.recent[a, i, _IS_BAD], votes.recent[a, i, _IS_LOW] = 0.0, 1.0
+        votes.recent[a, i, _IS_BAD], votes.recent[a, i, IS_LOW] = 0.0, 1.0
     votes.alarm[a].high = 0
 
 
@@ -112,16 +109,16 @@ def _count(votes: Any, a: Any, frame_index: Any, at: Any, bad: Any, low: Any, de
     """Take the alarm's latest sample among the recent ones, at place `at`, and see what they say together."""
     alarm, recent = votes.alarm[a], votes.recent[a]
     value = alarm.value
-    alarm.high += np.int64(recent[at, _IS_LOW] != 0.0) - np.int64(low)
-    recent[at, _T], recent[at, _VALUE], recent[at, _IS_BAD], recent[at, _IS_LOW] = alarm.t_us, value, bad, low
+    alarm.high += np.int64(recent[at, IS_LOW] != 0.0) - np.int64(low)
+    recent[at, _T], recent[at, _VALUE], recent[at, _IS_BAD], recent[at, IS_LOW] = alarm.t_us, value, bad, low
     if bad:
         for i in range(5):
-            recent[at, _DETAIL + i] = detail[i]
+            recent[at, DETAIL + i] = detail[i]
     n_bad = n_high = 0
     for i in range(alarm.counted_samples):
         if alarm.now_us - recent[i, _T] <= alarm.window_us:
             n_bad += recent[i, _IS_BAD] != 0.0
-            n_high += recent[i, _IS_LOW] == 0.0
+            n_high += recent[i, IS_LOW] == 0.0
     said = _BETWEEN
     if n_bad >= alarm.bad_samples:
         said = _BAD
@@ -157,7 +154,7 @@ def _begin(votes: Any, a: Any) -> Any:
         if recent[at, _VALUE] > alarm.worst:
             alarm.worst = recent[at, _VALUE]
             for j in range(5):
-                alarm.worst_detail[j] = recent[at, _DETAIL + j]
+                alarm.worst_detail[j] = recent[at, DETAIL + j]
 
 
 @helper
@@ -191,7 +188,7 @@ def _go(votes: Any, a: Any, frame_index: Any, signal: Any) -> Any:
         return
     if IS_PENDING[before] and IS_QUIET[after] and alarm.short_row >= 0:
         short = votes.short[alarm.short_row]
-        if alarm.shorts == _SHORT:
+        if alarm.shorts == SHORT:
             alarm.shorts -= 1
             for i in range(alarm.shorts):
                 for column in range(3):
@@ -224,9 +221,9 @@ def _pass_signals(votes: Any, a: Any, frame_index: Any) -> Any:
         at, by = votes.signal[alarm.signal]
         alarm.signal += 1
         before = alarm.state
-        if by != _NO_SIGNAL:
+        if by != NO_SIGNAL:
             alarm.state = NEXT[before, by]
-        if alarm.state != before or by == _NO_SIGNAL:
+        if alarm.state != before or by == NO_SIGNAL:
             _write(votes, a, at, before, by, 0)
 
 
@@ -253,149 +250,3 @@ def vote_all(
             limit[i],
             (detail[i, 0], detail[i, 1], detail[i, 2], detail[i, 3], detail[i, 4]),
         )
-
-
-class AlarmChange(NamedTuple):
-    """A change of the alarm at place `alarm` of the specs, with the frame that brought it about."""
-
-    alarm: int
-    frame_index: int
-    change: Change
-
-
-SlotNow = tuple[State, int, int, float, float]
-"""Where an alarm is, by all samples that it was given: how many came of late (0: none within the boot), and of the
-last one time, µs, value and limit. A plain tuple: one is made of each alarm whenever somebody looks."""
-
-
-class Ballot:
-    """The alarms of one vehicle within one boot, by the place of their specs."""
-
-    def __init__(self, specs: Sequence[AlarmSpec]) -> None:
-        """Start with every alarm normal."""
-        self.specs = tuple(specs)
-        self._place = {spec: place for place, spec in enumerate(self.specs)}
-        n, recurring = len(self.specs), [spec for spec in self.specs if spec.recurring_window_s]
-        most = max((spec.delays.counted_samples for spec in self.specs), default=1)
-        self._votes = Votes(
-            alarm=np.zeros(n, ALARM),
-            recent=np.zeros((n, most, _DETAIL + 5)),
-            short=np.zeros((len(recurring), _SHORT, 3), np.int64),
-            signal=_NO_SIGNALS,
-            change=np.empty(16, CHANGE),
-            changes=np.zeros(1, np.int64),
-        )
-        alarm = self._votes.alarm
-        for name in ("bad_samples", "counted_samples", "clear_below"):
-            alarm[name] = [getattr(spec.delays, name) for spec in self.specs]
-        for name in ("window", "on_delay", "off_delay"):
-            alarm[f"{name}_us"] = [round(getattr(spec.delays, f"{name}_s") * 1e6) for spec in self.specs]
-        alarm["recurring_window_us"] = [round(spec.recurring_window_s * 1e6) for spec in self.specs]
-        alarm["short_row"] = [recurring.index(spec) if spec.recurring_window_s else -1 for spec in self.specs]
-        self._shown = [self._votes.alarm[name] for name in ("state", "samples", "t_us", "value", "limit")]
-        self._fresh = self._votes.alarm.copy()
-        self._fresh["worst"], self._fresh["onset_us"] = -1.0, -1
-        self.start_boot()
-
-    def start_boot(self) -> None:
-        """Begin anew, with every alarm normal."""
-        self._votes.alarm[:] = self._fresh
-        self._votes.recent[...] = 0.0
-        self._votes.recent[..., _IS_LOW] = 1.0
-        self._signals: dict[int, list[tuple[int, int]]] = {}
-        self._signals_wait = False
-
-    def place_of(self, spec: AlarmSpec) -> int:
-        """Where the alarm is; LookupError for one that is none of the vehicle's: it would never raise anything."""
-        place = self._place.get(spec)
-        if place is None:
-            raise LookupError(f"check {spec.check}: its alarm {spec.name!r} is not among its alarm_specs")
-        return place
-
-    def signal(self, place: int, signals: Iterable[tuple[int, Signal | None]]) -> None:
-        """Take signals, each with its frame, before the samples among which they came; None: tell where it is there."""
-        more = [(frame_index, _NO_SIGNAL if one is None else _SIGNALS.index(one)) for frame_index, one in signals]
-        if not more:
-            return
-        self._signals[place] = sorted([*self._signals.get(place, ()), *more], key=lambda one: one[0])
-        self._signals_wait = True
-
-    def _give_signals(self) -> None:
-        """Put them where kernels look for them."""
-        self._signals_wait = False
-        rows: list[tuple[int, int]] = []
-        for a, some in self._signals.items():
-            self._votes.alarm["signal"][a], self._votes.alarm["signals"][a] = len(rows), len(rows) + len(some)
-            rows += some
-        self._votes = self._votes._replace(signal=np.array(rows, np.int64))
-
-    def votes(self, samples: int) -> Votes:
-        """What a kernel is given, with room for what `samples` votes may change."""
-        if self._signals_wait:
-            self._give_signals()
-        needed = self._votes.changes.item() + 2 * samples + len(self._votes.signal)
-        if needed > len(self._votes.change):
-            change = np.empty(2 * needed, CHANGE)
-            change[: self._votes.changes[0]] = self._votes.change[: self._votes.changes[0]]
-            self._votes = self._votes._replace(change=change)
-        return self._votes
-
-    def rate(self, spec: AlarmSpec, rated: Rated) -> None:
-        """Give an alarm samples that no kernel has rated."""
-        if len(rated):
-            numbers = [np.ascontiguousarray(of, np.float64) for of in (rated.value, rated.limit, rated.detail)]
-            vote_all(self.votes(len(rated)), self.place_of(spec), rated.frame_index, rated.t_boot_us, *numbers)
-
-    def changes(self) -> list[AlarmChange]:
-        """What has changed since this was asked last, signals included that no sample followed."""
-        if self._signals:
-            pass_signals(self.votes(0))
-            self._signals.clear()
-            self._votes.alarm["signal"] = self._votes.alarm["signals"] = 0
-            self._votes = self._votes._replace(signal=_NO_SIGNALS)
-        n = int(self._votes.changes[0])
-        if not n:
-            return []
-        self._votes.changes[0] = 0
-        return [
-            AlarmChange(
-                int(one["alarm"]),
-                int(one["frame_index"]),
-                Change(
-                    before=_STATES[one["before"]],
-                    state=_STATES[one["after"]],
-                    by=None if one["by"] == _NO_SIGNAL else _SIGNALS[one["by"]],
-                    t_boot_us=int(one["t_us"]),
-                    worst=Worst(float(one["worst"]), one["worst_detail"].copy()),
-                    onset_us=int(one["onset_us"]),
-                ),
-            )
-            for one in self._votes.change[:n]
-        ]
-
-    def state(self, place: int) -> State:
-        """Where the alarm is, by all samples that it was given."""
-        return _STATES[int(self._votes.alarm["state"][place])]
-
-    def take_signal(self, place: int, signal: Signal) -> State:
-        """Take a signal at once, between batches; return the state behind it."""
-        alarm = self._votes.alarm
-        alarm["state"][place] = NEXT[alarm["state"][place], _SIGNALS.index(signal)]
-        return self.state(place)
-
-    def worst_value(self, place: int) -> float:
-        """How large that of `worst` is."""
-        return float(self._votes.alarm["worst"][place])
-
-    def worst(self, place: int) -> Worst:
-        """The peak of the alarm's present, or last, excursion."""
-        alarm = self._votes.alarm[place]
-        return Worst(float(alarm["worst"]), alarm["worst_detail"].copy())
-
-    def now(self) -> Iterator[SlotNow]:
-        """Where each alarm is, in the order of their places."""
-        state, *numbers = (numbers.tolist() for numbers in self._shown)
-        return zip(map(_STATES.__getitem__, state), *numbers, strict=True)
-
-
-_NO_SIGNALS: npt.NDArray[np.int64] = np.empty((0, 2), np.int64)

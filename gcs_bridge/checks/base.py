@@ -8,10 +8,10 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypedDict
 import numpy as np
 
 import gcs_bridge.attitude.compiled  # noqa: F401  # its import lets kernels call this package
+from gcs_bridge.alarms.ballot import Ballot
 from gcs_bridge.alarms.record import scale_of
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import Signal
-from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.quantiles import Quantiles, note
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Records

@@ -12,7 +12,8 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from gcs_bridge.alarms.votes import Ballot, Votes, forget_samples, vote
+from gcs_bridge.alarms.ballot import Ballot
+from gcs_bridge.alarms.votes import Votes, forget_samples, vote
 from gcs_bridge.attitude.compiled import put, ray_at
 from gcs_bridge.attitude.quaternion import angle_of, conjugated, length, logarithm, product, tilt_heading_of, turned
 from gcs_bridge.checks.base import Check, Numbers, Watched, is_known, row_at

@@ -12,7 +12,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from msgspec.structs import replace
 
-from gcs_bridge.alarms.votes import Ballot, Votes, vote
+from gcs_bridge.alarms.ballot import Ballot
+from gcs_bridge.alarms.votes import Votes, vote
 from gcs_bridge.attitude.compiled import REST, is_at_rest, new_rest, ray_at, vector_at
 from gcs_bridge.attitude.gravity import down_felt, down_of, tilt_felt
 from gcs_bridge.attitude.quaternion import cross, exponential, length, product

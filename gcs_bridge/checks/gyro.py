@@ -15,7 +15,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.alarms.votes import Ballot, Votes, vote
+from gcs_bridge.alarms.ballot import Ballot
+from gcs_bridge.alarms.votes import Votes, vote
 from gcs_bridge.attitude.quaternion import length
 from gcs_bridge.checks.base import ImuCheck, Watched, is_dead, is_known, row_at, watch
 from gcs_bridge.checks.batch import CheckBatch

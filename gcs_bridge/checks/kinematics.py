@@ -16,8 +16,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
+from gcs_bridge.alarms.ballot import Ballot
 from gcs_bridge.alarms.spec import AlarmSpec
-from gcs_bridge.alarms.votes import Ballot, Votes, vote
+from gcs_bridge.alarms.votes import Votes, vote
 from gcs_bridge.attitude.quaternion import length
 from gcs_bridge.checks.base import Check, Watched, row_at, watch
 from gcs_bridge.checks.batch import CheckBatch

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from gcs_bridge.alarms.votes import Ballot
+from gcs_bridge.alarms.ballot import Ballot
 from gcs_bridge.attitude.compiled import ray_at, vector_at
 from gcs_bridge.attitude.gravity import down_of
 from gcs_bridge.attitude.quaternion import length, turned

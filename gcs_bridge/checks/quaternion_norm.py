@@ -6,7 +6,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from gcs_bridge.alarms.votes import Ballot, Votes, vote
+from gcs_bridge.alarms.ballot import Ballot
+from gcs_bridge.alarms.votes import Votes, vote
 from gcs_bridge.checks.base import NO_DETAIL, Check, Watched, is_known, watch
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.columns import FloatRows, Int64s

@@ -14,7 +14,8 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 import numpy as np
 
-from gcs_bridge.alarms.votes import Ballot, Votes, vote
+from gcs_bridge.alarms.ballot import Ballot
+from gcs_bridge.alarms.votes import Votes, vote
 from gcs_bridge.attitude.compiled import ray_at
 from gcs_bridge.attitude.gravity import down_of
 from gcs_bridge.attitude.quaternion import conjugated, length, logarithm, product, tilt_heading_of

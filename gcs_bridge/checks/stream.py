@@ -12,9 +12,9 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
+from gcs_bridge.alarms.ballot import Ballot
 from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.spec import AlarmSpec
-from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.checks.base import NO_DETAIL, Check
 from gcs_bridge.checks.batch import CheckBatch
 from gcs_bridge.checks.stream_following import STREAM, VEHICLE, Frames, Messages, Requests, Slowdowns, follow

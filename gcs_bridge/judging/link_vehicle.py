@@ -15,6 +15,7 @@ from gcs_bridge.alarms.manager import AlarmManager
 from gcs_bridge.columns import Int64Rows, Int64s, record
 from gcs_bridge.events import Notice, Rank, VehicleLost, VehicleSeen, head, in_order
 from gcs_bridge.judging.observation import Observation, Observer
+from gcs_bridge.judging.rating import Beside
 from gcs_bridge.judging.vehicle import VehicleJudge
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.signing import Signing
@@ -42,6 +43,7 @@ class Judged:
     """What is judged of every link, by what, and who looks on; `window_s`: between these times after the start.
 
     With `signing` frames are verified. `doctor_waits`: who judges asks for each diagnosis, when there is time for it.
+    `beside`: by which some checks are judged in another thread.
     """
 
     settings: Settings
@@ -51,6 +53,7 @@ class Judged:
     observer: Observer | None
     signing: Signing | None = None
     doctor_waits: bool = False
+    beside: Beside | None = None
 
 
 class LinkVehicle:
@@ -99,7 +102,11 @@ class LinkVehicle:
         if self._judge is None:
             observer = self._observed.append if self._observer else None
             self._judge = judge = VehicleJudge(
-                self.vehicle, self._judged.settings, observer, doctor_waits=self._judged.doctor_waits
+                self.vehicle,
+                self._judged.settings,
+                observer,
+                doctor_waits=self._judged.doctor_waits,
+                beside=self._judged.beside,
             )
             assert self._early is not None
             for hand in self._waiting:

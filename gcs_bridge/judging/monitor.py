@@ -18,6 +18,7 @@ from gcs_bridge.events import Event, Notice
 from gcs_bridge.judging.link import Datagram, FrameObserver, Link, ScannedBatch, events_of
 from gcs_bridge.judging.link_vehicle import Judged
 from gcs_bridge.judging.observation import Observer
+from gcs_bridge.judging.rating import Beside
 from gcs_bridge.judging.snapshot import Snapshot
 from gcs_bridge.mavlink.dialect import Dialect, load_dialect
 from gcs_bridge.mavlink.signing import Signing, SigningKey, Unsigned
@@ -72,6 +73,7 @@ class Monitor:
         signing_key: bytes | SigningKey | None = None,
         unsigned: Unsigned | None = None,
         doctor_waits: bool = False,
+        beside: Beside | None = None,
     ) -> None:
         """Take the settings of `profile`, or `settings`; judge `sysid` alone, or between two times after the start.
 
@@ -79,7 +81,8 @@ class Monitor:
         came, before they are judged: whoever sent them, unknown ids included. With `census`, who sends what is counted.
         With `signing_key`, of 32 bytes, their signatures are verified, and `unsigned` says what is done with those that
         do not hold: see `mavlink.signing`. Raises UsageError for an unknown profile or dialect, and a key of another
-        length. With `doctor_waits` an alarm's diagnosis comes by `answer`, and not with the alarm.
+        length. With `doctor_waits` an alarm's diagnosis comes by `answer`, and not with the alarm. With `beside`, by
+        which something is begun in another thread, large batches take less time, and come out the same.
         """
         self._judged = Judged(
             settings=settings or load_settings(profile),
@@ -89,6 +92,7 @@ class Monitor:
             observer=observer,
             signing=Signing.of(signing_key, unsigned),
             doctor_waits=doctor_waits,
+            beside=beside,
         )
         self._on_frames = on_frames
         self._takes_census = census

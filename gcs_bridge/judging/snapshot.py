@@ -6,9 +6,9 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
+from gcs_bridge.alarms.ballot import SlotNow
 from gcs_bridge.alarms.slot import AlarmSlot
 from gcs_bridge.alarms.state import LATCHED, Announcement, State
-from gcs_bridge.alarms.votes import SlotNow
 from gcs_bridge.contract import Severity, Stream, plain
 from gcs_bridge.report.schema import CheckVerdict, Verdict
 from gcs_bridge.telemetry.samples import AttitudeSamples

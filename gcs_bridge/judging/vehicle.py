@@ -23,7 +23,6 @@ from gcs_bridge.judging.boot import Boot, timeline_of
 from gcs_bridge.judging.doctor import Doctor
 from gcs_bridge.judging.in_force import InForce
 from gcs_bridge.judging.notices import (
-    breaks,
     clock_notice,
     rate_notice,
     reset_entry,
@@ -31,9 +30,9 @@ from gcs_bridge.judging.notices import (
     stream_changes,
 )
 from gcs_bridge.judging.observation import Observation, Observer
+from gcs_bridge.judging.rating import Beside, Rating
 from gcs_bridge.judging.sent import SentBatch, SentPairs
 from gcs_bridge.judging.snapshot import CheckNow, VehicleNow, alarm_now, attitude_now
-from gcs_bridge.judging.start_up import StartUpChange
 from gcs_bridge.judging.untimed import Untimed
 from gcs_bridge.judging.verdicts import Verdicts
 from gcs_bridge.report import schema
@@ -57,9 +56,18 @@ class VehicleJudge:
     """Judges one vehicle, batch by batch."""
 
     def __init__(
-        self, vehicle: VehicleId, settings: Settings, observer: Observer | None = None, *, doctor_waits: bool = False
+        self,
+        vehicle: VehicleId,
+        settings: Settings,
+        observer: Observer | None = None,
+        *,
+        doctor_waits: bool = False,
+        beside: Beside | None = None,
     ) -> None:
-        """Start with nothing judged; `observer` is shown what is judged. `doctor_waits`: for `answer`."""
+        """Start with nothing judged; `observer` is shown what is judged. `doctor_waits`: for `answer`.
+
+        With `beside` some checks are judged in another thread.
+        """
         self.vehicle = vehicle
         self._observer = observer
         self._settings = settings
@@ -73,6 +81,7 @@ class VehicleJudge:
         self.alarm_manager = AlarmManager(
             vehicle, (spec for check in self._checks for spec in check.alarm_specs), settings.alarm
         )
+        self._rating = Rating(vehicle, self._checks, self.alarm_manager.ballot, beside)
         self.doctor = Doctor(self.alarm_manager, waits=doctor_waits)
         self._answered: list[Notice] = []  # between two batches, and not shown to the observer yet
         self._expected = Expected()
@@ -317,11 +326,7 @@ class VehicleJudge:
         self.alarm_manager.begin(signals, link)
         if was_starting or start_ups:
             self._verdicts.started_up(boot.index, boot.last_us, start_ups)
-            yield from self._judge_what_is_ready(boot, flight, was_starting, start_ups, link)
-        else:
-            for check in self._checks:
-                check.judge(flight, self.alarm_manager.ballot)
-            yield from breaks(self.vehicle, boot.index, self._checks, link)
+        yield from self._rating.judge(boot, flight, was_starting, start_ups, link)
         if self._untimed.has_signs and len(segment.frame_index):
             self._rate_senders(segment)
         found = self._euler_quaternion.found
@@ -357,20 +362,6 @@ class VehicleJudge:
         told = self._untimed.signs_until(int(segment.frame_index[-1]))
         rows = np.searchsorted(segment.frame_index, [sign.frame_index for sign in told])
         self._stream_check.senders(told, segment.frame_index[rows], segment.t_boot_us[rows], self.alarm_manager.ballot)
-
-    def _judge_what_is_ready(
-        self, boot: Boot, flight: CheckBatch, was_starting: bool, start_ups: list[StartUpChange], link: LinkClock
-    ) -> Iterator[Notice]:
-        """Judge a batch in some of which the attitude is not ready: that is left out where an attitude is compared."""
-        begins: list[tuple[int, bool]] = [(0, was_starting)]
-        begins += [(change.frame_index, change.starting) for change in start_ups]
-        ends = [frame_index for frame_index, _ in begins[1:]] + [np.iinfo(np.int64).max]
-        ready = [flight.frames(first, end) for (first, starting), end in zip(begins, ends, strict=True) if not starting]
-        for check in self._checks:
-            waits = check.compares and check is not self._euler_quaternion  # its alarms alone wait
-            for part in (ready or [flight.frames(0, 0)]) if waits else [flight]:
-                check.judge(part, self.alarm_manager.ballot)
-                yield from breaks(self.vehicle, boot.index, [check], link)
 
     def _start_boot(self, index: int, first: tuple[int, int, int]) -> Boot:
         """Begin a boot with the frame and times of what shows it first."""

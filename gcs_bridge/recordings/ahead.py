@@ -42,6 +42,11 @@ def ahead(items: Iterator[T]) -> Iterator[T]:
         coming.join()
 
 
+def beside(make: Callable[[], T]) -> Callable[[], T]:
+    """Begin something in another thread; what comes back waits for its result, or raises what went wrong."""
+    return _Beside(make).result
+
+
 class _Beside(Thread, Generic[T]):
     """What a function returns, while it is made. Python's pool of threads does as much, and takes longer to load."""
 

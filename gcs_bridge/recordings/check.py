@@ -13,7 +13,7 @@ from gcs_bridge.contract import readable
 from gcs_bridge.errors import UsageError
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.mavlink.signing import SigningKey, Unsigned
-from gcs_bridge.recordings.ahead import ahead
+from gcs_bridge.recordings.ahead import ahead, beside
 from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.report import Report
 from gcs_bridge.report.schema import File
@@ -76,6 +76,7 @@ def check_file(
         on_frames=taking.on_frames,
         signing_key=signing_key,
         unsigned=unsigned,
+        beside=beside,
     )
     with open_recording(path, dialect) as source:
         if from_s is not None or to_s is not None:

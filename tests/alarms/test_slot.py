@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from gcs_bridge.alarms.ballot import Ballot
 from gcs_bridge.alarms.rated import Rated
 from gcs_bridge.alarms.slot import AlarmSlot
 from gcs_bridge.alarms.state import Announcement, AnnouncementSignal, Signal, State
-from gcs_bridge.alarms.votes import Ballot
 from gcs_bridge.settings import AlarmSettings
 from tests.helpers.alarms import Alarm, spec
 

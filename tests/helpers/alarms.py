@@ -4,10 +4,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from gcs_bridge.alarms.ballot import AlarmChange, Ballot
 from gcs_bridge.alarms.rated import Rated, Worst
 from gcs_bridge.alarms.spec import AlarmSpec
 from gcs_bridge.alarms.state import Signal, State
-from gcs_bridge.alarms.votes import AlarmChange, Ballot, forget_samples
+from gcs_bridge.alarms.votes import forget_samples
 from gcs_bridge.settings import AlarmSettings
 
 
