@@ -1,7 +1,7 @@
 """What a vehicle sent lately of both streams, as the doctor wants it: kept whole, forgotten in time.
 
 A live link brings some messages at a time, and what is asked of each batch would cost more than what is asked: batches
-are joined, some dozens at a time.
+are joined, some dozens at a time; and that in two steps, so that no batch waits long for it.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from gcs_bridge.pairing.pairs import Pairs
 from gcs_bridge.telemetry.samples import AttitudeSamples
 
 JOINED = 64  # batches, at most
+_AT_ONCE = 16  # of them are joined first
 _SHORT = 64  # rows; a longer batch is kept as it is
 
 
@@ -86,16 +87,20 @@ class Sent:
     def __init__(self) -> None:
         """Start with nothing sent."""
         self._joined: deque[tuple[int, SentBatch]] = deque()  # each with the latest time in it
+        self._some: list[SentBatch] = []  # joined by some, that wait to be joined to more
         self._single: list[SentBatch] = []  # that wait to be joined
 
     def __len__(self) -> int:
         """How many pairs are kept."""
-        return sum(len(batch.pairs) for batch in (*(batch for _, batch in self._joined), *self._single))
+        return sum(len(batch.pairs) for batch in (*(batch for _, batch in self._joined), *self._some, *self._single))
 
     def keep(self, sent: SentBatch) -> bool:
         """Remember a batch; whether it is time to `forget`."""
         self._single.append(sent)
-        is_time = len(self._single) >= JOINED or len(sent.euler) + len(sent.quaternion) > _SHORT
+        is_long = len(sent.euler) + len(sent.quaternion) > _SHORT
+        if is_long or len(self._single) >= _AT_ONCE:
+            self._join_single()
+        is_time = is_long or len(self._some) * _AT_ONCE >= JOINED
         if is_time:
             self._join()
         return is_time
@@ -110,8 +115,14 @@ class Sent:
         self._join()
         return [batch for latest_us, batch in self._joined if latest_us >= from_us]
 
-    def _join(self) -> None:
+    def _join_single(self) -> None:
         if self._single:
-            whole = SentBatch.joined(self._single)
-            self._joined.append((whole.latest_us, whole))
+            self._some.append(SentBatch.joined(self._single))
             self._single.clear()
+
+    def _join(self) -> None:
+        self._join_single()
+        if self._some:
+            whole = SentBatch.joined(self._some)
+            self._joined.append((whole.latest_us, whole))
+            self._some.clear()
