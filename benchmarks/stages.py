@@ -1,8 +1,8 @@
 """Where the time and the memory of one `gcs-bridge check` go, in this one process: start-up, then stage by stage.
 
 Time is a stage's own: what it calls is another's if that is in the table. Of the threads only the one that judges is on
-the clock: another reads the next piece meanwhile, and short-lived ones judge some of the checks. With --functions, cProfile's list follows; with --scan, the speed of
-the frame scan alone is all there is.
+the clock: another reads the next piece meanwhile, and short-lived ones judge some of the checks. With --functions,
+cProfile's list follows; with --scan, the speed of the frame scan alone is all there is.
 
     python -m benchmarks.stages long.tlog
 """
