@@ -1,8 +1,8 @@
 """Where the time and the memory of one `gcs-bridge check` go, in this one process: start-up, then stage by stage.
 
 Time is a stage's own: what it calls is another's if that is in the table. Of the threads only the one that judges is on
-the clock: another scans the next piece meanwhile. With --functions, cProfile's list follows; with --scan, the speed of
-the frame scan alone is all there is.
+the clock: another reads the next piece meanwhile, and short-lived ones judge some of the checks. With --functions,
+cProfile's list follows; with --scan, the speed of the frame scan alone is all there is.
 
     python -m benchmarks.stages long.tlog
 """
@@ -43,11 +43,8 @@ CHECKS = [
 # stage → its functions; each compiled kernel is a stage of its own. A function that is not there any more is named in
 # the output and costs nothing else.
 STAGES = {
-    "sort, but for its kernel": ["gcs_bridge.telemetry.sorting:FrameSorter.sort"],
-    "reading, but for its kernels": ["gcs_bridge.telemetry.component:VehicleReader.read"],
     "expected differences": ["gcs_bridge.expected.vehicle:Expected.correct"],
     "pairing": ["gcs_bridge.pairing.pairs:Aligner.pair"],
-    "attitudes at other samples' times": ["gcs_bridge.pairing.references:References.take"],
     "liveness": [
         "gcs_bridge.telemetry.stream_liveness:Liveness.take",
         "gcs_bridge.telemetry.stream_liveness:Liveness.pass_silence",

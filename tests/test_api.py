@@ -11,15 +11,14 @@ from tests.helpers.live_links import fixture, tlog_of
 
 def test_it_has_every_method_of_the_one_inside() -> None:
     """Under the same names, with the same arguments; but for what readers, links and the doctor alone make use of."""
+    alone = ("census", "doctor_waits", "beside")
     inner = {"scan", "judge", "frames_of", "censuses", "calm_s", "is_asked", "answer"}
     public = {name for name in vars(monitor.Monitor) if not name.startswith("_")} - inner
     assert public == {name for name in vars(Monitor) if not name.startswith("_")}
     for name in [*public, "__init__"]:
         inside, outside = getattr(monitor.Monitor, name), getattr(Monitor, name)
         if callable(inside):
-            offered = [
-                one for one in signature(inside).parameters.values() if one.name not in ("census", "doctor_waits")
-            ]
+            offered = [one for one in signature(inside).parameters.values() if one.name not in alone]
             assert offered == list(signature(outside).parameters.values())
 
 

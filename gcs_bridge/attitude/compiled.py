@@ -32,6 +32,7 @@ share(
     kinematics.right_jacobian_times,
     kinematics.inverse_right_jacobian_times,
     kinematics.interpolated,
+    kinematics.interpolated_along,
     gravity.down_of,
     gravity.down_felt,
     gravity.tilt_felt,

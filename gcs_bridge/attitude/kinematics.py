@@ -53,7 +53,13 @@ def interpolated(
     start: Quaternion, end: Quaternion, w0: Vector, w1: Vector, dt: Array, share: Array
 ) -> tuple[Quaternion, Vector]:
     """Cubic Hermite in the rotation vector from `start`, of unit norm, to `end`: attitude and body rates (M18)."""
-    whole = logarithm(product(conjugated(start), end))
+    return interpolated_along(logarithm(product(conjugated(start), end)), start, w0, w1, dt, share)
+
+
+def interpolated_along(
+    whole: Vector, start: Quaternion, w0: Vector, w1: Vector, dt: Array, share: Array
+) -> tuple[Quaternion, Vector]:
+    """The same to where the rotation vector `whole` leads."""
     slope0 = scaled(w0, dt)
     slope1 = scaled(inverse_right_jacobian_times(whole, w1), dt)
     rest = 1.0 - share

@@ -24,6 +24,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager
 from numba.core.registry import cpu_target
 from numba.core.targetconfig import TargetConfig
+from numba.core.types.functions import BaseFunction
 
 from gcs_bridge.jit.by_numba import OPTIONS, make_known, numba_type
 from gcs_bridge.jit.declared import Declared
@@ -36,12 +37,19 @@ _NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _NOT_NEEDED = {"nopython_rewrites", "inline_closure_likes", "with_lifting", "inline_overloads"}
 
 
+_FUNCTIONS: Any = BaseFunction  # whose methods are not to be set, says mypy
+
+
 class UnfamiliarError(Exception):
     """Something of numba, numpy or CPython is not as this package knows it."""
 
 
 class _Library(CPUCodeLibrary):  # type: ignore[misc]  # untyped in numba
     """The code of a function in LLVM's language: to be linked into others, never to be run itself."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        """Nothing: optimised as a whole, a kernel takes as long to make, and runs faster."""
+        ll_module.data_layout = self._codegen._data_layout
 
     def finalize(self) -> None:
         for linked in dict.fromkeys(self._linking_libraries):
@@ -78,21 +86,32 @@ def _codegen() -> _Codegen:
 
 @contextmanager
 def _hurried(target: Any) -> Iterator[None]:
-    """Meanwhile numba makes no machine code of what it compiles, and tells its flags apart by those that are set.
+    """Meanwhile numba makes no machine code of what it compiles, and does not look for the same thing over and over.
 
-    It compares all flags whenever it looks for a helper, a hundred thousand times, which takes a tenth of the time.
+    It compares all flags whenever it looks for a helper, a hundred thousand times, which takes a tenth of the time:
+    they are told apart by those that are set. And it asks a function for its type, of the same arguments, fifteen times
+    on average, which takes another tenth: what it answers is remembered.
     """
-    as_usual = target._internal_codegen, TargetConfig.__eq__, TargetConfig.__hash__
+    as_usual = target._internal_codegen, TargetConfig.__eq__, TargetConfig.__hash__, _FUNCTIONS.get_call_type
 
     def equal(one: Any, other: object) -> bool:
         return isinstance(other, TargetConfig) and (one._values == other._values or bool(as_usual[1](one, other)))
 
+    def remembered(one: Any, context: Any, args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
+        if kws:
+            return as_usual[3](one, context, args, kws)
+        answers = vars(one).setdefault("_answers", {})
+        if args not in answers:
+            answers[args] = as_usual[3](one, context, args, kws)
+        return answers[args]
+
     target._internal_codegen = _codegen()
     TargetConfig.__eq__, TargetConfig.__hash__ = equal, lambda one: hash(type(one))
+    _FUNCTIONS.get_call_type = remembered
     try:
         yield
     finally:
-        target._internal_codegen, TargetConfig.__eq__, TargetConfig.__hash__ = as_usual
+        target._internal_codegen, TargetConfig.__eq__, TargetConfig.__hash__, _FUNCTIONS.get_call_type = as_usual
 
 
 @contextmanager

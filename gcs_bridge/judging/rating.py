@@ -7,6 +7,7 @@ a check was judged in.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -22,11 +23,24 @@ from gcs_bridge.judging.start_up import StartUpChange
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
 
-Beside = Callable[[Callable[[], None]], Callable[[], None]]
-"""Begins something in another thread; what it returns waits for that, and raises what went wrong there."""
-_WORTH_IT = 2000  # steps: that takes as long as some ten threads take to begin
+Made = TypeVar("Made")
+_WORTH_IT = 3000  # messages: to judge them takes as long as some ten threads take to begin
+
+
+class Beside(Protocol):
+    """Begins something in another thread; what it returns waits for what comes of it, or raises what went wrong."""
+
+    def __call__(self, make: Callable[[], Made], /) -> Callable[[], Made]:
+        """Begin it."""
+
+
 # What is judged here is about half of the work. Inertial checks send signals to their alarms: only one thread may.
 _HERE = (ImuCheck, StreamCheck, EulerQuaternion)
+
+
+def begun(make: Callable[[], Made], beside: Beside | None, messages: int) -> Callable[[], Made]:
+    """What returns what `make` does: begun beside this thread by now, where somebody offers that and it is worth it."""
+    return make if beside is None or messages < _WORTH_IT else beside(make)
 
 
 class Rating:
@@ -48,7 +62,7 @@ class Rating:
         if was_starting or start_ups:
             yield from self._judge_what_is_ready(boot, batch, was_starting, start_ups, link)
             return
-        if self._beside is not None and sum(map(len, batch.steps)) >= _WORTH_IT:
+        if self._beside is not None and len(batch.line.frame_index) >= _WORTH_IT:
             self._judge_both(batch, self._beside)
         else:
             _judge(self._checks, batch, self._ballot)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import starmap
 
 import numpy as np
@@ -30,7 +31,7 @@ from gcs_bridge.judging.notices import (
     stream_changes,
 )
 from gcs_bridge.judging.observation import Observation, Observer
-from gcs_bridge.judging.rating import Beside, Rating
+from gcs_bridge.judging.rating import Beside, Rating, begun
 from gcs_bridge.judging.sent import SentBatch, SentPairs
 from gcs_bridge.judging.snapshot import CheckNow, VehicleNow, alarm_now, attitude_now
 from gcs_bridge.judging.untimed import Untimed
@@ -81,6 +82,7 @@ class VehicleJudge:
         self.alarm_manager = AlarmManager(
             vehicle, (spec for check in self._checks for spec in check.alarm_specs), settings.alarm
         )
+        self._beside = beside
         self._rating = Rating(vehicle, self._checks, self.alarm_manager.ballot, beside)
         self.doctor = Doctor(self.alarm_manager, waits=doctor_waits)
         self._answered: list[Notice] = []  # between two batches, and not shown to the observer yet
@@ -283,8 +285,10 @@ class VehicleJudge:
         self._in_force.follow(corrected)
         imu = self._in_force.imu_of(chosen)
         as_sent = None if euler is sent else sent.q_nb
+        seeing = partial(boot.references.take, segment.message, euler, quaternion, imu)
+        seen = begun(seeing, self._beside, len(segment.message))
         aligned = boot.aligner.pair(euler, quaternion, segment.message, as_sent, corrected.changes)
-        attitudes, imu_with_attitude = boot.references.take(segment.message, euler, quaternion, imu)
+        attitudes, imu_with_attitude = seen()
         self._count(segment, aligned.period_us)
         line = timeline_of(segment, aligned, link)
         turns = list(boot.liveness.take(line, link)) if len(segment.message) else []

@@ -12,7 +12,7 @@ import numpy as np
 
 from gcs_bridge.attitude._rows import where
 from gcs_bridge.attitude.compiled import put, unit_at, vector_of
-from gcs_bridge.attitude.kinematics import interpolated
+from gcs_bridge.attitude.kinematics import interpolated_along
 from gcs_bridge.attitude.quaternion import between, conjugated, logarithm, product
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask
 from gcs_bridge.jit import helper, kernel
@@ -165,7 +165,7 @@ def neighbours(series: Any, t_us: Any, max_gap_us: Any) -> Any:
 
 @helper
 def attitude_between(series: Any, before: Any, behind: Any, t_us: Any) -> Any:
-    """Attitude at a time between two positions, the share of the gap that has passed, and the gap, s (rule M18).
+    """Attitude at a time between two positions (rule M18); the turn across the gap, the gap's share that has passed, s.
 
     Along the shortest way where no rates are reported.
     """
@@ -175,11 +175,13 @@ def attitude_between(series: Any, before: Any, behind: Any, t_us: Any) -> Any:
     place, gap_s = (t_us - series.t_us[one]) / max(gap_us, 1), gap_us * 1e-6
     w0, w1 = rates_at(series.rows, one), rates_at(series.rows, two)
     q0, q1 = unit_at(series.rows, one), unit_at(series.rows, two)
+    turn = logarithm(product(conjugated(q0), q1))
     if gap_us > 0 and (w0[0] != 0 or w0[1] != 0 or w0[2] != 0) and (w1[0] != 0 or w1[1] != 0 or w1[2] != 0):
-        q = interpolated(q0, q1, vector_of(w0[0], w0[1], w0[2]), vector_of(w1[0], w1[1], w1[2]), gap_s, place)[0]
+        w0, w1 = vector_of(w0[0], w0[1], w0[2]), vector_of(w1[0], w1[1], w1[2])
+        q = interpolated_along(turn, q0, w0, w1, gap_s, place)[0]
     else:
         q = between(q0, q1, place)
-    return q, place, gap_s
+    return q, turn, place, gap_s
 
 
 @helper
@@ -348,10 +350,9 @@ def _see(series: Any, before: Any, behind: Any, waiting: Any, at: Any, frame_ind
     """Put a sample down, with the attitude at its time."""
     t_us, n, row = waiting.t_us[at], counts[3], waiting.rows[at]
     last = series.t_us.size - 1
-    q, place, gap_s = attitude_between(series, before, behind, t_us)
+    q, turn, place, gap_s = attitude_between(series, before, behind, t_us)
     put(q, seen.q_nb, n)
     seen.place[n], seen.gap_s[n] = place, gap_s
-    turn = logarithm(product(conjugated(unit_at(series.rows, before & last)), unit_at(series.rows, behind & last)))
     seen.turn_b_rad[n, 0], seen.turn_b_rad[n, 1], seen.turn_b_rad[n, 2] = turn
     for axis in range(3):
         seen.w0_b_rad_s[n, axis] = series.rows[before & last, 4 + axis]

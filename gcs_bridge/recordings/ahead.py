@@ -18,11 +18,12 @@ T = TypeVar("T")
 
 
 def scanned_ahead(chunks: Iterable[Chunk], scanner: Scanner) -> Iterator[Scanned]:
+    """A recording's chunks, scanned to its end, each while the one before is used."""
+    return ahead(scanned(chunks, scanner))
+
+
+def scanned(chunks: Iterable[Chunk], scanner: Scanner) -> Iterator[Scanned]:
     """A recording's chunks, scanned to its end."""
-    return ahead(_scanned(chunks, scanner))
-
-
-def _scanned(chunks: Iterable[Chunk], scanner: Scanner) -> Iterator[Scanned]:
     for chunk in chunks:
         frames = scanner.scan(chunk.data)
         yield Scanned(scanner.buffer, frames, scanner.read)

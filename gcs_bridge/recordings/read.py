@@ -14,7 +14,7 @@ from gcs_bridge.columns import record
 from gcs_bridge.judging.monitor import open_dialect
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scanner import Salvage, Scanner
-from gcs_bridge.recordings.ahead import scanned_ahead
+from gcs_bridge.recordings.ahead import ahead, scanned
 from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.settings import VehicleSettings
 from gcs_bridge.telemetry.component import VehicleReader
@@ -65,14 +65,13 @@ def read(path: str | Path, *, dialect: str = "all") -> Recording:
     with open_recording(path, dialect, judged=False) as recording:
         scanner, sorter = Scanner(tables, timed=recording.timed), FrameSorter(tables)
         gathered: dict[tuple[int, int], _Gathered] = {}
-        for piece in scanned_ahead(recording, scanner):
-            if len(piece.frames):
-                batch = sorter.sort(piece.buffer, piece.frames)
-                for share in batch.shares:
-                    source = gathered.get(share.address) or gathered.setdefault(
-                        share.address, _Gathered(VehicleId(None, *share.address), tables)
-                    )
-                    source.take(batch, share, recording.size / piece.done)
+        pieces = scanned(recording, scanner)
+        for batch, done in ahead((sorter.sort(one.buffer, one.frames), one.done) for one in pieces if len(one.frames)):
+            for share in batch.shares:
+                source = gathered.get(share.address) or gathered.setdefault(
+                    share.address, _Gathered(VehicleId(None, *share.address), tables)
+                )
+                source.take(batch, share, recording.size / done)
     vehicles = {
         address: source.samples() for address, source in sorted(gathered.items()) if source.reader.known.is_vehicle
     }
@@ -83,7 +82,7 @@ class _Gathered:
     """The samples of one (system, component), piece by piece."""
 
     def __init__(self, vehicle: VehicleId, dialect: Dialect) -> None:
-        self.reader = VehicleReader(vehicle, dialect, VehicleSettings())
+        self.reader = VehicleReader(vehicle, dialect, VehicleSettings(), senders=False)
         self._attitude = _Table(no_attitudes(ATTITUDE))
         self._quaternion = _Table(no_attitudes(ATTITUDE_QUATERNION))
         self._imu = {name: _Table(no_imu(name)) for name in IMU_MESSAGES}

@@ -36,9 +36,15 @@ class VehicleReader:
     """Reads one (system, component) of a link."""
 
     def __init__(
-        self, vehicle: VehicleId, dialect: Dialect, settings: VehicleSettings, *, positions: bool = False
+        self,
+        vehicle: VehicleId,
+        dialect: Dialect,
+        settings: VehicleSettings,
+        *,
+        positions: bool = False,
+        senders: bool = True,
     ) -> None:
-        """Start with nothing heard; `positions`: somebody wants to know where it is."""
+        """Start with nothing heard; `positions`, `senders`: somebody wants to know where it is, or who sends it."""
         self.vehicle = vehicle
         self._autopilot, self._type = NOTHING_KNOWN.autopilot, NOTHING_KNOWN.type
         self._received = self._lost = 0
@@ -48,7 +54,7 @@ class VehicleReader:
         self._seen: tuple[int, int] | None = None
         self._standing: tuple[tuple[int, bool], ...] = ()
         self._heartbeats = Heartbeats(dialect)
-        self._senders = Senders(dialect)
+        self._senders = Senders(dialect) if senders else None
         self._said: Majority | None = None  # what most of its heartbeats say
         self._ardupilot_frame_index: int | None = None  # since when its IMU's numbers are ArduPilot's
         self._run = 0  # plausible attitudes in a row, as long as there are not enough of them
@@ -97,7 +103,7 @@ class VehicleReader:
             frame_index=batch.frame_indices(share),
             heard=heard_frames(batch, share, timed.restarting),
             timed=timed.columns,
-            senders=self._senders.read(batch, share),
+            senders=self._senders.read(batch, share) if self._senders else [],
             segments=segments,
             clock_changes=changes,
             counted=counted,

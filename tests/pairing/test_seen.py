@@ -126,8 +126,10 @@ def test_neighbours_by_hand(heard: list[Heard], expected: list[tuple[int, ...]])
 
 @kernel
 def between(t_us: int, series: Series, out: Floats) -> None:
-    """Put down the attitude between the two of the series, the place, and the gap."""
-    q, out[4], out[5] = attitude_between(series, 0, 1, t_us)
+    """Put down the attitude between the two of the series, the place, the gap, and the turn across it."""
+    q, turn, out[4], out[5] = attitude_between(series, 0, 1, t_us)
+    for i in range(3):
+        out[6 + i] = turn[i]
     for i in range(4):
         out[i] = q[i]
 
@@ -135,14 +137,15 @@ def between(t_us: int, series: Series, out: Floats) -> None:
 @pytest.mark.parametrize("rate_rad_s", [0.0, np.nan, 0.3], ids=["none", "unknown", "known"])
 def test_an_attitude_between_two(rate_rad_s: float) -> None:
     """0.2 s behind the one and 0.6 s before the other is a quarter of 0.8 s: of a turn at constant rate, a quarter."""
-    series, out = new_series(7).with_room(2), np.empty(6)
+    series, out = new_series(7).with_room(2), np.empty(9)
     for at, angle in enumerate((0.1, 0.1 + 0.3 * 0.8)):
         turned = wxyz(Rotation.from_rotvec([0, 0, angle]))
         series.t_us[at], series.rows[at] = at * 800_000, (*turned, 0.0, 0.0, rate_rad_s)
     series.heard[0] = 2
     between(200_000, series, out)
     assert out[:4] == pytest.approx(wxyz(Rotation.from_rotvec([0, 0, 0.1 + 0.3 * 0.2])), abs=1e-12)
-    assert out[4:] == pytest.approx([0.25, 0.8])
+    assert out[4:6] == pytest.approx([0.25, 0.8])
+    assert out[6:] == pytest.approx([0.0, 0.0, 0.3 * 0.8], abs=1e-12)
 
 
 messages = st.lists(st.tuples(st.sampled_from("sq"), st.integers(0, 60).map(lambda n: n * 100_000)), max_size=40)
