@@ -1,5 +1,6 @@
 """Shipped data: found in a wheel and in a checkout."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -33,6 +34,15 @@ def test_headless_is_all_but_the_viewer() -> None:
     asked = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
     lines = (resources.config_folder() / "headless.txt").read_text().splitlines()
     assert [line for line in lines if not line.startswith("#")] == [one for one in asked if "rerun" not in one]
+
+
+def test_the_page_of_licences_names_all_that_is_asked_for() -> None:
+    """`tools/licences.py` writes it anew where something is missing."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    asked = [*project["dependencies"], *extras["cluster"], *extras["remote"]]
+    page = (ROOT / "docs" / "licences.md").read_text()
+    assert [name for one in asked if f"| {(name := re.split('[^a-z0-9-]', one)[0])} |" not in page] == []
 
 
 def test_a_wheel_uses_its_own_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

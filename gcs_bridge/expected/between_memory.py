@@ -39,21 +39,23 @@ class BetweenMemory:
 
     def keep(self, pairs: BetweenPairs) -> None:
         """Remember pairs, behind what is remembered."""
-        if not len(pairs):
-            return
-        seen = self.recent.then(pairs)
-        first = np.diff(seen.t_us // SPARSE_US, prepend=-1) != 0
-        first[: len(self.recent)] = False
-        self.sparse = self.sparse.then(seen[first])[-KEPT:]
-        self.recent = seen[-KEPT:]
-        self.taken = min(self.taken + len(pairs), IN_A_ROW)
+        if len(pairs):
+            self.recent, self.sparse = self._with(pairs)
+            self.taken = min(self.taken + len(pairs), IN_A_ROW)
 
     def window(self, more: BetweenPairs, since_us: int) -> BetweenPairs:
-        """What is remembered and `more`, each pair once, in order of time, from a time on."""
-        window = self.recent.then(more)[-KEPT:]
+        """What is remembered once `more` are kept, each pair once, in order of time, from a time on."""
+        window, sparse = self._with(more)
         if len(window):
-            window = self.sparse[self.sparse.t_us < window.t_us[0]].then(window)
+            window = sparse[sparse.t_us < window.t_us[0]].then(window)
         return window[window.t_us >= since_us]
+
+    def _with(self, more: BetweenPairs) -> tuple[BetweenPairs, BetweenPairs]:
+        """The latest pairs, and those of one a second, once `more` are among them: in however many pieces they came."""
+        seen = self.recent.then(more)
+        first = np.diff(seen.t_us // SPARSE_US, prepend=-1) != 0
+        first[: len(self.recent)] = False
+        return seen[-KEPT:], self.sparse.then(seen[first])[-KEPT:]
 
     def deny(self, t_us: int) -> None:
         """One more pair is no healthy one."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.trust_links import staggered, untold
 from gcs_bridge import Monitor
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
@@ -81,6 +82,13 @@ def test_cut_anywhere(name: str) -> None:
     """Whole or in pieces of any sizes: events and report are the same to the last bit."""
     data = recording(name)
     assert story(data, any_size(name)) == story(data, lambda: len(data))
+
+
+@pytest.mark.parametrize("name", one_in(2, ["d_plane_pitchtrim3", "k5_three_vehicles"]))
+def test_a_fit_by_neighbouring_instants_is_the_same_in_pieces(name: str) -> None:
+    """Of trims that nobody tells, and of messages that never carry one stamp: all that is remembered counts, once."""
+    data = staggered(untold(recording(name)))
+    assert story(data, lambda: len(data)) == story(data, lambda: 3000)
 
 
 @pytest.mark.sweep
