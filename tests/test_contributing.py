@@ -51,3 +51,9 @@ def test_a_recipe_names_a_line_and_a_test(title: str, recipe: str) -> None:
         name for name in re.findall(r"`([A-Za-z_.]+)`", recipe) if not name.endswith((".py", ".toml", ".tlog", ".md"))
     ]
     assert [name for name in names if name.rpartition(".")[2] not in words_of_the_code()] == [], title
+
+
+def test_modules_are_small() -> None:
+    """At most 400 lines, but for the scan's kernel, which is one piece."""
+    long = [path for path in (ROOT / "gcs_bridge").rglob("*.py") if len(path.read_text().splitlines()) > 400]
+    assert [path.relative_to(ROOT).as_posix() for path in long] == ["gcs_bridge/mavlink/scan.py"]

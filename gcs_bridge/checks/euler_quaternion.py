@@ -18,10 +18,11 @@ from gcs_bridge.attitude.compiled import put, ray_at
 from gcs_bridge.attitude.quaternion import angle_of, conjugated, length, logarithm, product, tilt_heading_of, turned
 from gcs_bridge.checks.base import Check, Numbers, Watched, is_known, row_at
 from gcs_bridge.checks.batch import CheckBatch
+from gcs_bridge.checks.disagreement import NO_DISAGREEMENT, Disagreement
 from gcs_bridge.checks.quantiles import Quantiles, Waiting, note
 from gcs_bridge.checks.windows import Sliding, SlidingSums, slide_in
 from gcs_bridge.checks.withheld import CALM_US, LEVEL_TRIM_RAD, is_withheld
-from gcs_bridge.columns import FloatRows, Floats, FrameColumns, Int64s, Mask, Records, record
+from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.settings import AlarmSettings, EulerQuaternionSettings
 from gcs_bridge.telemetry.statements import held_at
@@ -29,25 +30,6 @@ from gcs_bridge.telemetry.statements import held_at
 _WEIGHT_FLOOR_RAD = math.radians(0.05)
 _GREATEST_RATE_RAD_S = 100.0  # what is more is damage
 _LEAST_RATE_RAD_S = math.radians(2.0)  # root mean square, below which no lag shows
-
-
-@record
-class Disagreement(FrameColumns):
-    """The quaternion seen from the Euler angles, n pairs: all in rad.
-
-    `angle` (n,) of the rotation between them; `tilt` and `heading` (n,) its parts, heading NaN where it means nothing;
-    `rotvec_body`, `rotvec_world` (n, 3) the rotation in FRD body axes and in NED; `limit` (n,); `judged` (n,) whether a
-    pair could be told good or bad at all; `counted` (n,) whether it has a vote in the alarm.
-    """
-
-    angle: Floats
-    tilt: Floats
-    heading: Floats
-    rotvec_body: Floats
-    rotvec_world: Floats
-    limit: Floats
-    judged: Mask
-    counted: Mask
 
 
 _MEMORY = np.dtype(
@@ -138,7 +120,7 @@ class EulerQuaternion(Check):
         pairs = batch.pairs
         n = len(pairs)
         if not n:
-            self.found = _NOTHING
+            self.found = NO_DISAGREEMENT
             return
         self.found = found = Disagreement(
             frame_index=pairs.frame_index,
@@ -388,16 +370,3 @@ def _mean(pairs: Any, i: Any, limits: Any, sums: Any, found: Any) -> Any:
 @helper
 def _detail(found: Any, i: Any, turn: Any) -> Any:
     return found.tilt[i], found.heading[i], turn[0], turn[1], turn[2]
-
-
-_NOTHING = Disagreement(
-    frame_index=np.empty(0, np.int64),
-    angle=np.empty(0),
-    tilt=np.empty(0),
-    heading=np.empty(0),
-    rotvec_body=np.empty((0, 3)),
-    rotvec_world=np.empty((0, 3)),
-    limit=np.empty(0),
-    judged=np.empty(0, np.bool_),
-    counted=np.empty(0, np.bool_),
-)

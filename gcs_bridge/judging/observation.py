@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from gcs_bridge.alarms.manager import TakenBack
 from gcs_bridge.checks.batch import CheckBatch
-from gcs_bridge.checks.euler_quaternion import Disagreement
+from gcs_bridge.checks.disagreement import Disagreement
 from gcs_bridge.columns import record
 from gcs_bridge.events import Notice
 from gcs_bridge.expected import Corrected

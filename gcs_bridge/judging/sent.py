@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gcs_bridge.checks.euler_quaternion import Disagreement
+from gcs_bridge.checks.disagreement import Disagreement
 from gcs_bridge.columns import Floats, FrameColumns, Int64s, Mask, record
 from gcs_bridge.expected import Corrected
 from gcs_bridge.pairing.pairs import Pairs

@@ -13,12 +13,20 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from gcs_bridge.attitude.euler import quaternion_of_rpy
-from gcs_bridge.attitude.quaternion import angle_of, conjugated, exponential, length, product
+from gcs_bridge.attitude.quaternion import length
 from gcs_bridge.columns import Floats, Int64Rows, Int64s, Records
 from gcs_bridge.jit import helper, kernel
 from gcs_bridge.mavlink.decode import float_in, offsets, place_of, unsigned_in
 from gcs_bridge.mavlink.dialect import Dialect
 from gcs_bridge.mavlink.scan import Bytes, Frames
+from gcs_bridge.telemetry.attitude_tracks import (
+    SHAKEN_RAD_S2,
+    SUDDEN_RAD_S2,
+    off_rad,
+    reach_rad,
+    surely_reaches,
+    turn_rad,
+)
 from gcs_bridge.telemetry.attitudes import NORM_TOLERANCE
 from gcs_bridge.telemetry.messages import KIND
 from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION
@@ -39,14 +47,10 @@ _NEAR_US = 1_000_000  # clocks nearer than this are one: what two paths of one l
 _STEADY_US = 150_000  # two clocks less than 6 s apart stay so far apart; a queue that drains does not
 _STEADY_CLOCKS = 30
 
-# Attitudes: how far one may turn between two samples, by its rates and by what its rates may change meanwhile.
-_SLACK_RAD = np.radians(2.2)  # as `kinematics` allows a step
-_SUDDEN_RAD_S2 = 30.0  # as far as vehicles turn suddenly of their own accord; shaken ones, far more
-_SHAKEN_RAD_S2 = 200.0
+# Attitudes.
 _LIVE_S = 2.5  # an attitude that is older is compared with nothing
 _THERE_SHARE = 1 / 5  # of the way from the one, how near to the other's last attitude is back there
 _THERE_RAD = np.radians(1.0)
-_SURE = 1.0 - 1e-9  # less than all, by more than is rounded
 _WHOLE_TURN_RAD = 2 * np.pi  # no angle in radians is larger
 _ATTITUDES, _CALM_ATTITUDES = 8, 20  # times back and forth, farther than shaken, than sudden turns
 _CLEAN = 0.75  # at least so many times as often as to anywhere else: one that is slow is found anew each time
@@ -175,42 +179,12 @@ def _count_clocks(state: Any, left: Any, track: Any, ms: Any) -> Any:
 
 
 @helper
-def _turn_rad(track: Any, q: Any) -> Any:
-    """The angle from a track's attitude to another."""
-    return angle_of(product(conjugated((track[0], track[1], track[2], track[3])), q))
-
-
-@helper
-def _off_rad(track: Any, q: Any, w: Any, ms: Any) -> Any:
-    """How far an attitude is from where the rates at both ends bring the track's."""
-    half_s = 0.5e-3 * (ms - track[7])
-    turn = half_s * (track[4] + w[0]), half_s * (track[5] + w[1]), half_s * (track[6] + w[2])
-    gone = product((track[0], track[1], track[2], track[3]), exponential(turn))
-    return angle_of(product(conjugated(gone), q))
-
-
-@helper
-def _reach_rad(track: Any, w: Any, ms: Any, sudden_rad_s2: Any) -> Any:
-    """How far one may have turned from a track's attitude."""
-    h_s = abs(ms - track[7]) * 1e-3
-    return _SLACK_RAD + (length((track[4], track[5], track[6])) + length(w)) * h_s + 0.25 * sudden_rad_s2 * h_s * h_s
-
-
-@helper
-def _surely_reaches(track: Any, q: Any, w: Any, ms: Any) -> Any:
-    """Whether one can have turned from a track's attitude to another: no angle is larger than its tangent."""
-    turn = product(conjugated((track[0], track[1], track[2], track[3])), q)
-    most_rad = _SURE * _reach_rad(track, w, ms, _SUDDEN_RAD_S2)
-    return 2.0 * length((turn[1], turn[2], turn[3])) <= most_rad * abs(turn[0])
-
-
-@helper
 def _goes_on_alone(mine: Any, on: Any, q: Any, w: Any, ms: Any) -> Any:
     """Whether a stream's track goes on with an attitude, and no other one is there: so it nearly always is."""
     for track in range(_TRACKS):
         if (abs(ms - mine[track, 7]) <= _LIVE_S * 1000) != (track == on):
             return False
-    return _surely_reaches(mine[on], q, w, ms)
+    return surely_reaches(mine[on], q, w, ms)
 
 
 @helper
@@ -229,23 +203,23 @@ def _follow_attitude(state: Any, tracks: Any, stream: Any, q: Any, w: Any, ms: A
 def _track_of(state: Any, mine: Any, stream: Any, q: Any, w: Any, ms: Any) -> Any:
     """The track that an attitude belongs to; what it tells of the senders is counted."""
     on = state.attitude[stream]
-    best, free, off_rad = -1, on, np.inf
+    best, free, least_rad = -1, on, np.inf
     for track in range(_TRACKS):
         if abs(ms - mine[track, 7]) <= _LIVE_S * 1000:
-            track_off_rad = _off_rad(mine[track], q, w, ms)
-            if track_off_rad < off_rad:
-                best, off_rad = track, track_off_rad
+            track_rad = off_rad(mine[track], q, w, ms)
+            if track_rad < least_rad:
+                best, least_rad = track, track_rad
         if free == on or (not np.isnan(mine[free, 7]) and not mine[track, 7] >= mine[free, 7]):
             free = track  # the one left longest ago, or that was never taken
     is_live = abs(ms - mine[on, 7]) <= _LIVE_S * 1000
-    away_rad = _turn_rad(mine[on], q)
+    away_rad = turn_rad(mine[on], q)
     if best < 0:
         best = free
-    elif is_live and not away_rad <= _reach_rad(mine[on], w, ms, _SUDDEN_RAD_S2):
-        if best != on and off_rad <= max(_THERE_RAD, _THERE_SHARE * away_rad):
-            if away_rad > _reach_rad(mine[on], w, ms, _SHAKEN_RAD_S2):
+    elif is_live and not away_rad <= reach_rad(mine[on], w, ms, SUDDEN_RAD_S2):
+        if best != on and least_rad <= max(_THERE_RAD, _THERE_SHARE * away_rad):
+            if away_rad > reach_rad(mine[on], w, ms, SHAKEN_RAD_S2):
                 _count(state, _OF_ATTITUDES)
-            if off_rad <= _THERE_RAD:
+            if least_rad <= _THERE_RAD:
                 _count(state, _OF_CALM_ATTITUDES)
         else:
             best = free

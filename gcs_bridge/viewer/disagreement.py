@@ -14,7 +14,8 @@ import rerun as rr
 
 from gcs_bridge import attitude
 from gcs_bridge.alarms.record import axis_of
-from gcs_bridge.checks.euler_quaternion import Disagreement, EulerQuaternion
+from gcs_bridge.checks.disagreement import Disagreement
+from gcs_bridge.checks.euler_quaternion import EulerQuaternion
 from gcs_bridge.columns import Floats, any_true
 from gcs_bridge.contract import Diagnosis
 from gcs_bridge.diagnosis.hypotheses import ROWS, TRIMS, Hypothesis

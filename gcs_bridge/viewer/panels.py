@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import rerun as rr
 
-from gcs_bridge.checks.euler_quaternion import Disagreement
+from gcs_bridge.checks.disagreement import Disagreement
 from gcs_bridge.events import Event
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.viewer.alarm_text import AlarmText

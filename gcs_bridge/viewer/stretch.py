@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from gcs_bridge import attitude
-from gcs_bridge.checks.euler_quaternion import Disagreement
+from gcs_bridge.checks.disagreement import Disagreement
 from gcs_bridge.columns import Floats
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.pairing.references import ImuWithAttitude
