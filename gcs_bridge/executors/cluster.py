@@ -40,7 +40,10 @@ class Cluster:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is told here, in one line
         self._address, self._alone_s = address, alone_s
         try:
-            self._client = Client(address, timeout=patience_s, set_as_default=False)
+            try:
+                self._client = Client(address, timeout=patience_s, set_as_default=False)
+            except AssertionError:  # its loop has not begun within ten seconds: this machine is very busy
+                self._client = Client(address, timeout=patience_s, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:  # of an address that is none, too
             raise UsageError(
                 f"--scheduler {one_line(address)}: no Dask scheduler answers there ({one_line(str(error))}): "

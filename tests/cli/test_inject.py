@@ -361,16 +361,16 @@ def test_the_pages_tables_are_what_check_says(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.slow
 def test_the_pages_loop_does_what_it_says(tmp_path: Path) -> None:
     """Typed into a shell, the test set is made and judged as the page shows."""
-    commands, shown = (re.search(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL) for kind in ("sh", "text"))
-    assert commands is not None
-    assert shown is not None
+    found = re.search(r"```sh\n(.*?)```\n\n```console\n\$ (.*?\n)(.*?)```", PAGE, re.DOTALL)
+    assert found is not None
+    loop, judge, shown = found.groups()
     (tmp_path / "sitl_fixtures").symlink_to(SITL)
     path = f"{PROGRAM.parent}{os.pathsep}{os.environ['PATH']}"
-    shell = ["sh", "-c", commands[1]]
+    shell = ["sh", "-c", loop + judge]
     done = subprocess.run(
         shell, cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False, timeout=120
     )
     assert done.returncode == 1
-    judged = done.stdout.splitlines()[-shown[1].count("\n") :]
-    assert [line.partition(":")[0] for line in judged] == [line.partition(":")[0] for line in shown[1].splitlines()]
+    judged = done.stdout.splitlines()[-shown.count("\n") :]
+    assert [line.partition(":")[0] for line in judged] == [line.partition(":")[0] for line in shown.splitlines()]
     assert done.stderr == ""
