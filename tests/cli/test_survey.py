@@ -169,7 +169,11 @@ def test_ended_half_way(sign: signal.Signals, tmp_path: Path, survey: Any) -> No
     data = (FIXTURES / "d_tailsitter_tumble.tlog").read_bytes()
     for number in range(most):
         (fleet / f"{number:02d}.tlog").write_bytes(data[:-1] + bytes([number]))
-    running = command(fleet, "--output", out, "--workers", 2)
+    # What is started in the background may ignore SIGINT, and so may these tests and all that they start.
+    heeding = (
+        "import os, signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL); os.execv(sys.argv[1], sys.argv[1:])"
+    )
+    running = [sys.executable, "-c", heeding, *command(fleet, "--output", out, "--workers", 2)]
     with subprocess.Popen(running, cwd=ROOT, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
         end_s = time.monotonic() + PATIENCE_S
         while journalled(out) < 3:
