@@ -10,7 +10,7 @@ from pathlib import Path
 
 from gcs_bridge.errors import UsageError
 
-__all__ = ["INSIDE", "file_of", "refuse_unwritable", "write_file", "write_stdout", "writing"]
+__all__ = ["INSIDE", "file_of", "lead_nowhere", "refuse_unwritable", "write_file", "write_stdout", "writing"]
 
 INSIDE = "::"
 """Stands between a file and the name of a recording in it."""
@@ -79,4 +79,12 @@ def write_stdout(text: str) -> None:
     except BrokenPipeError:
         raise
     except OSError as error:
+        lead_nowhere(sys.stdout.fileno())  # else Python's own flush at exit fails again, and has the last word
         raise UsageError(f"cannot write to standard output: {error.strerror}") from error
+
+
+def lead_nowhere(file: int) -> None:
+    """What is still written to an open file, by its number, is lost: flushing and closing it cannot fail any more."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, file)
+    os.close(nowhere)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import errno
 import importlib
 import io
-import os
 import sys
 from typing import Any
 
@@ -18,6 +17,7 @@ import click
 from gcs_bridge._version import __version__
 from gcs_bridge.cli.terminal import complain, terminal_has_gone
 from gcs_bridge.errors import GcsBridgeError
+from gcs_bridge.files import lead_nowhere
 
 __all__ = ["main"]
 
@@ -83,12 +83,12 @@ def main(argv: list[str] | None = None) -> int:
         return code
     except BrokenPipeError:
         # The reader has gone; let Python's own flush at exit find nothing to complain about.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        lead_nowhere(sys.stdout.fileno())
         return BROKEN_PIPE
     except OSError as error:
         if error.errno == errno.EIO and terminal_has_gone():
             for number in (1, 2):
-                os.dup2(os.open(os.devnull, os.O_WRONLY), number)
+                lead_nowhere(number)
             return HUNG_UP
         return _mistake_of_ours()
     except KeyboardInterrupt:

@@ -21,8 +21,7 @@ from mcap.writer import Writer as McapWriter
 from gcs_bridge._version import __version__
 from gcs_bridge.exporting.conventions import Convention
 from gcs_bridge.exporting.tables import TABLES
-from gcs_bridge.exporting.writers import lead_nowhere
-from gcs_bridge.files import writing
+from gcs_bridge.files import lead_nowhere, writing
 
 __all__ = ["McapFile"]
 
@@ -102,7 +101,7 @@ class McapFile:
     def discard(self) -> None:
         """Remove what is not whole."""
         if not self._file.closed:
-            lead_nowhere(self._file)
+            lead_nowhere(self._file.fileno())
             self._file.close()
         self._temporary.unlink(missing_ok=True)
 

@@ -15,9 +15,9 @@ import pyarrow.parquet as pq
 from gcs_bridge.errors import UsageError
 from gcs_bridge.exporting.conventions import Convention
 from gcs_bridge.exporting.tables import TABLES, schema_of
-from gcs_bridge.files import writing
+from gcs_bridge.files import lead_nowhere, writing
 
-__all__ = ["WRITERS", "Writer", "lead_nowhere"]
+__all__ = ["WRITERS", "Writer"]
 
 _ROWS = 65_536  # that are written at once: what a reader can skip
 
@@ -33,13 +33,6 @@ class Writer(Protocol):
 
     def discard(self) -> None:
         """Leave nothing behind of what is not whole; nothing to do after `finish`."""
-
-
-def lead_nowhere(file: IO[bytes]) -> None:
-    """What is still written to the file is lost: a library that ends its file however full the disk is cannot fail."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, file.fileno())
-    os.close(nowhere)
 
 
 class _Table:
@@ -73,7 +66,7 @@ class _Table:
 
     def discard(self) -> None:
         if not self._file.closed:
-            lead_nowhere(self._file)
+            lead_nowhere(self._file.fileno())
             self._writer.close()
             self._file.close()
         self._temporary.unlink(missing_ok=True)
