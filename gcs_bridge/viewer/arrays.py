@@ -44,7 +44,7 @@ class ComponentKind:
         fixed = pa.types.is_fixed_size_list(self._value)
         self._size: int = self._value.list_size if fixed else 1
         self._number: Any = self._value.value_type if fixed else self._value
-        self._type: type[np.generic] = self._number.to_pandas_dtype()
+        self._type: type[np.generic] = pa.array([], self._number).to_numpy().dtype.type
         self._fixed = fixed
         self._offsets: dict[int, pa.Buffer] = {}  # by how many values a row has
 
