@@ -106,7 +106,8 @@ class _Context(SpawnContext):
         super().__init__()
         self.process: SpawnProcess | None = None
 
-    def Process(self, *args: Any, **kwargs: Any) -> SpawnProcess:  # type: ignore[override]  # noqa: N802  # as it is called
+    # multiprocessing calls it so, as the class that it is there: for a method other names and types are meant.
+    def Process(self, *args: Any, **kwargs: Any) -> SpawnProcess:  # type: ignore[override]  # noqa: N802  # see above
         """Make one."""
         self.process = SpawnProcess(*args, **kwargs)
         return self.process

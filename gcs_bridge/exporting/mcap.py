@@ -93,7 +93,7 @@ class McapFile:
     def finish(self) -> list[Path]:
         """Complete the file."""
         with writing(self._path):
-            self._mcap.finish()  # type: ignore[no-untyped-call]  # mcap says not what it returns: nothing
+            self._mcap.finish()  # type: ignore[no-untyped-call]  # mcap annotates its other methods, and not this one
             self._file.close()
             self._temporary.replace(self._path)
         return [self._path]

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from threading import Event
 from typing import TYPE_CHECKING
 
 from gcs_bridge import cache
@@ -19,13 +20,12 @@ if TYPE_CHECKING:
 _MANY = 4  # kernels that are worth another process, which takes a second to begin
 _PATIENCE_S = 60.0  # so long somebody else may compile a kernel; then it is compiled here too
 _LOOK_AGAIN_S = 0.05
-_others_tell = False
+_others_tell = Event()
 
 
 def let_others_tell() -> None:
     """Of several processes that begin at once this one says nothing, as another does."""
-    global _others_tell  # noqa: PLW0603  # of the process, as standard error is
-    _others_tell = True
+    _others_tell.set()
 
 
 def prepare(*packages: str) -> None:
@@ -64,7 +64,7 @@ def _compiled(missing: Sequence[Kernel]) -> Iterator[Kernel]:
 @contextmanager
 def _told(count: int) -> Iterator[Callable[[int], None]]:
     """Say that so many kernels are compiled; on a terminal a line that goes again, which is told how many are done."""
-    if _others_tell:
+    if _others_tell.is_set():
         yield lambda _: None
         return
     what = "gcs-bridge: compiling its kernels, once on this machine"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ from gcs_bridge.errors import SourceError, UsageError, one_line
 from gcs_bridge.files import INSIDE, file_of
 from gcs_bridge.recordings.packed import LOOKED_FOR, STANDARD_INPUT, SUFFIXES
 
-__all__ = ["Candidate", "find", "is_url", "opened_at", "stamp_of", "why_not"]
+__all__ = ["Candidate", "failing", "find", "is_url", "opened_at", "stamp_of"]
 
 _EXTRA = "pip install 'gcs-bridge[remote]'"
 _CONNECT_S, _READ_S = 10, 60  # so long a server may take, so that none holds a survey up
@@ -93,13 +94,14 @@ def _at_url(url: str) -> Iterator[Candidate | SourceError]:
         return
     nothing = True
     try:
-        for folder, _, names in files.walk(root, detail=True, on_error="raise"):
-            for name, told in sorted(names.items()):
-                if name.lower().endswith(LOOKED_FOR):
-                    nothing = False
-                    yield Candidate(files.unstrip_protocol(f"{folder.rstrip('/')}/{name}"), *_told(told))
-    except Exception as error:  # noqa: BLE001  # each file system has errors of its own
-        yield SourceError(f"{url}: cannot be searched: {why_not(error)}")
+        with failing(f"{url}: cannot be searched"):
+            for folder, _, names in files.walk(root, detail=True, on_error="raise"):
+                for name, told in sorted(names.items()):
+                    if name.lower().endswith(LOOKED_FOR):
+                        nothing = False
+                        yield Candidate(files.unstrip_protocol(f"{folder.rstrip('/')}/{name}"), *_told(told))
+    except SourceError as error:
+        yield error
         return
     if nothing:
         yield SourceError(f"{url}: no recording there (looked for {', '.join(SUFFIXES)}, packed ones too)")
@@ -147,7 +149,18 @@ def _told(told: dict[str, Any]) -> tuple[int | None, str]:
     return told.get("size"), stamp_of(told)
 
 
-def why_not(error: BaseException) -> str:
+@contextmanager
+def failing(what: str) -> Iterator[None]:
+    """SourceError, with what could not be done, for whatever a file system of fsspec's raises; UsageError stays one."""
+    try:
+        yield
+    except UsageError:
+        raise
+    except Exception as error:  # noqa: BLE001  # botocore's, aiohttp's and others' errors have no class in common
+        raise SourceError(f"{what}: {_why_not(error)}") from None
+
+
+def _why_not(error: BaseException) -> str:
     """Why something at a URL cannot be read, in one line, and what to do about it where that is known."""
     cause = error.__cause__  # fsspec says of a server that does not answer that there is no such file
     if isinstance(error, TimeoutError) or isinstance(cause, TimeoutError):

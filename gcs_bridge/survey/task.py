@@ -26,7 +26,7 @@ from gcs_bridge.recordings.check import check_file
 from gcs_bridge.recordings.packed import recordings_in
 from gcs_bridge.report.schema import File
 from gcs_bridge.settings import Settings
-from gcs_bridge.survey.found import is_url, opened_at, stamp_of, why_not
+from gcs_bridge.survey.found import failing, is_url, opened_at, stamp_of
 from gcs_bridge.survey.rows import Row, alarm_rows, check_rows, folder_of, recording_row, start_us
 
 __all__ = ["MANIFEST", "Asked", "Pages", "Result", "Task", "survey_one"]
@@ -124,7 +124,7 @@ def _told(task: Task, here: tuple[Path, int, str] | None) -> Result:
         return Result(failure=one_line(f"{named}: there is too little memory to judge it"))
     except OSError as error:
         return Result(failure=one_line(f"{named}: cannot be read: {error.strerror or error}"))
-    except Exception as error:  # noqa: BLE001  # a mistake of ours, which is told, and costs this file alone
+    except Exception as error:  # noqa: BLE001  # whatever it is, it is told as ours, and costs this recording alone
         said = f"{named}: a mistake of gcs-bridge, please report it: {type(error).__name__}: {error}"
         return Result(failure=one_line(said))
 
@@ -192,25 +192,20 @@ def _here(task: Task) -> Iterator[tuple[Path, int, str]]:
     with tempfile.TemporaryDirectory(prefix="gcs-bridge-") as folder:
         url, inside = _split(task.path)
         copy = Path(folder, url.rstrip("/").rpartition("/")[2] or "recording")
-        try:
+        with failing(f"{task.path}: cannot be read"):
             files, root = opened_at(url)
             stamp = task.stamp or stamp_of(files.info(root))
             files.get_file(root, str(copy))
-        except UsageError:
-            raise
-        except Exception as error:  # noqa: BLE001  # each file system has errors of its own
-            raise SourceError(f"{task.path}: cannot be read: {why_not(error)}") from None
         yield Path(f"{copy}{INSIDE}{inside}") if inside else copy, copy.stat().st_size, stamp
 
 
 def _stamp_at(url: str) -> str:
     """The stamp of a file that is elsewhere; empty where it has none, or cannot be asked for: who fetches it tells."""
     try:
-        files, root = opened_at(_split(url)[0])
-        return stamp_of(files.info(root))
-    except UsageError:
-        raise
-    except Exception:  # noqa: BLE001  # each file system has errors of its own
+        with failing(url):
+            files, root = opened_at(_split(url)[0])
+            return stamp_of(files.info(root))
+    except SourceError:
         return ""
 
 
