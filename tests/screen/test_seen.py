@@ -160,7 +160,7 @@ def test_one_vehicle_at_80_by_24(tmp_path: Path) -> None:
         terminal.wait_for("apart 25.000°", "▲ 1 WARNING")
         terminal.press("C-c")
         assert "apart" not in terminal.wait_for("1 alarm: euler_quaternion at ")
-        terminal.type(f"echo code $?; stty -a > {tmp_path}/after")
+        terminal.type(f"ended=$?; stty -a > {tmp_path}/after; echo code $ended")  # what is waited for comes last
         terminal.wait_for("code 0")
     assert (tmp_path / "after").read_text() == (tmp_path / "before").read_text()
 
