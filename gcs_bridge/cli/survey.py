@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import re
-import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from gcs_bridge.cli.selection import Selection, selection_options
-from gcs_bridge.cli.terminal import complain, print_coloured, wants_colour
+from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
 from gcs_bridge.errors import UsageError
 
 if TYPE_CHECKING:  # loaded when there is something to judge
-    from rich.progress import Progress
-
     from gcs_bridge.executors.base import Executor
     from gcs_bridge.survey.run import Ran
     from gcs_bridge.survey.summary import Summary
@@ -92,7 +89,7 @@ def survey(
     with (
         Dataset(output, __version__, digest) as dataset,
         _executor(scheduler, workers, selection) as executor,
-        _Progress(enabled=not quiet) as progress,
+        ProgressBar(enabled=not quiet) as bar,
     ):
         asked = Asked(
             settings=settings,
@@ -102,7 +99,7 @@ def survey(
             if pages is False
             else Pages(folder=str(output.absolute()), token=dataset.token, every=bool(pages)),
         )
-        ran = run_survey(find(paths), dataset, asked, executor, progress)
+        ran = run_survey(find(paths), dataset, asked, executor, _Watch(bar))
         count = executor.workers
     run = Run(
         judged=ran.judged,
@@ -180,46 +177,17 @@ def _tell(summary: Summary, ran: Ran, output: Path, *, quiet: bool, no_color: bo
         write_stdout(text)
 
 
-class _Progress:
-    """A bar on stderr with the time that is left: on a terminal alone, and only for what takes longer than a second."""
+class _Watch:
+    """Shows on a bar how far a survey is."""
 
-    def __init__(self, *, enabled: bool) -> None:
-        self._enabled = enabled and sys.stderr.isatty()
-        self._total = self._done = 0
-        self._started_s = time.monotonic()
-        self._bar: Progress | None = None
-
-    def __enter__(self) -> _Progress:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+    def __init__(self, bar: ProgressBar) -> None:
+        self._bar = bar
 
     def planned(self, files: int, size: int) -> None:
         """More is to be done."""
-        self._total += files * _FILE_BYTES + size
-        if self._bar is not None:
-            self._bar.update(self._bar.task_ids[0], total=self._total)
+        self._bar.more(files * _FILE_BYTES + size)
 
     def done(self, ran: Ran, size: int) -> None:
         """A file is done."""
-        self._done += _FILE_BYTES + size
-        if self._enabled and time.monotonic() - self._started_s > 1.0:
-            bar = self._bar = self._bar or self._drawn()
-            failed = f", {len(ran.failures)} failed" if ran.failures else ""
-            bar.update(
-                bar.task_ids[0],
-                completed=self._done,
-                total=self._total,
-                description=f"{ran.judged} judged{failed}",
-            )
-
-    def _drawn(self) -> Any:
-        from rich.console import Console
-        from rich.progress import Progress
-
-        bar = Progress(console=Console(stderr=True), transient=True)
-        bar.add_task("judging", total=self._total)
-        bar.start()
-        return bar
+        failed = f", {len(ran.failures)} failed" if ran.failures else ""
+        self._bar.file_done(_FILE_BYTES + size, said=f"{ran.judged} judged{failed}")

@@ -67,8 +67,8 @@ def print_coloured(text: str, styles: Mapping[str, str] = _STYLES) -> None:
 class ProgressBar:
     """A bar on stderr over several files' bytes: only on a terminal, and only for what takes longer than a second."""
 
-    def __init__(self, *, total_bytes: int, enabled: bool) -> None:
-        self._total_bytes = total_bytes
+    def __init__(self, *, total_bytes: int = 0, enabled: bool) -> None:
+        self._total_bytes, self._said = total_bytes, "judging"
         self._enabled = enabled and sys.stderr.isatty()
         self._before = 0  # bytes of the files that are done
         self._started_s = time.monotonic()
@@ -87,11 +87,17 @@ class ProgressBar:
         """So many of the present file's bytes are read."""
         if self._enabled and time.monotonic() - self._started_s > _PATIENCE_S:
             bar = self._bar = self._bar or self._drawn()
-            bar.update(bar.task_ids[0], completed=self._before + done)
+            done += self._before
+            bar.update(bar.task_ids[0], completed=done, total=self._total_bytes, description=self._said)
 
-    def file_done(self, size: int) -> None:
-        """The present file is done, however it ended."""
+    def more(self, size: int) -> None:
+        """So many bytes more are to be read."""
+        self._total_bytes += size
+
+    def file_done(self, size: int, said: str | None = None) -> None:
+        """The present file is done, however it ended; what there is to say beside the bar from now on."""
         self._before += size
+        self._said = self._said if said is None else said
         self(0, 0)
 
     def _drawn(self) -> Progress:
@@ -99,6 +105,6 @@ class ProgressBar:
         from rich.progress import Progress
 
         bar = Progress(console=Console(stderr=True), transient=True)
-        bar.add_task("judging", total=self._total_bytes)
+        bar.add_task(self._said, total=self._total_bytes)
         bar.start()
         return bar
