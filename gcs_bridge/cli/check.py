@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from gcs_bridge.cli.selection import Selection, selection_options
-from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
+from gcs_bridge.cli.terminal import ProgressBar, complain, show
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError
 from gcs_bridge.recordings.open import READERS
 from gcs_bridge.recordings.packed import LOOKED_FOR, PACKED, recordings_in
@@ -170,8 +170,8 @@ def check(
         result = FORMATS[form or "text"](report, asked)
         if told is not None and told.takes_stdout:
             click.echo(result, nl=False, err=True)
-        elif form in (None, "text") and wants_colour(no_color=no_color):
-            print_coloured(result)
+        elif form in (None, "text"):
+            show(result, no_color=no_color)
         else:
             write_stdout(result)
     of_recordings = report.exit_code(settings.check.fail_on, known)

@@ -12,7 +12,7 @@ import click
 from gcs_bridge.cli.live_run import refuse_not_positive, warm_up
 from gcs_bridge.cli.selection import settings_options
 from gcs_bridge.cli.signing_options import key_of, signing_key_option
-from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
+from gcs_bridge.cli.terminal import ProgressBar, complain, show
 from gcs_bridge.errors import UsageError
 from gcs_bridge.files import file_of
 from gcs_bridge.recordings.open import READERS
@@ -90,10 +90,7 @@ def doctor(
         write_stdout(examination.to_json())
     elif not failures or len(failures) < len(found):
         text = to_text(examination, detail=verbose - quiet)
-        if wants_colour(no_color=no_color):
-            print_coloured(text, _STYLES)
-        else:
-            write_stdout(text)
+        show(text, no_color=no_color, styles=_STYLES)
     return EXIT_CODES[examination.finding]
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gcs_bridge.cli.selection import Selection, selection_options
-from gcs_bridge.cli.terminal import ProgressBar, complain, print_coloured, wants_colour
+from gcs_bridge.cli.terminal import ProgressBar, complain, show
 from gcs_bridge.errors import UsageError
 
 if TYPE_CHECKING:  # loaded when there is something to judge
@@ -152,7 +152,6 @@ def _json(summary: Summary) -> bytes:
 
 
 def _tell(summary: Summary, ran: Ran, output: Path, *, quiet: bool, no_color: bool) -> None:
-    from gcs_bridge.files import write_stdout
     from gcs_bridge.report.rows import counted
     from gcs_bridge.survey.text import lines
 
@@ -171,10 +170,7 @@ def _tell(summary: Summary, ran: Ran, output: Path, *, quiet: bool, no_color: bo
         complain(", ".join(said), kind="note")
     told = lines(summary, str(output))
     text = "\n".join(told[-1:] if quiet else told) + "\n"
-    if wants_colour(no_color=no_color):
-        print_coloured(text)
-    else:
-        write_stdout(text)
+    show(text, no_color=no_color)
 
 
 class _Watch:

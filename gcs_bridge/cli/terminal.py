@@ -11,11 +11,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from gcs_bridge.errors import one_line
+from gcs_bridge.files import write_stdout
 
 if TYPE_CHECKING:  # rich is loaded when there is something to draw
     from rich.progress import Progress
 
-__all__ = ["ProgressBar", "complain", "print_coloured", "terminal_has_gone", "wants_colour"]
+__all__ = ["ProgressBar", "complain", "show", "terminal_has_gone", "wants_colour"]
 
 _PATIENCE_S = 1.0
 _STYLES = {
@@ -52,8 +53,14 @@ def terminal_has_gone() -> bool:
     return False
 
 
-def print_coloured(text: str, styles: Mapping[str, str] = _STYLES) -> None:
-    """Print a report with its verdicts in colour; `styles`: of the words, by a pattern."""
+def show(text: str, *, no_color: bool, styles: Mapping[str, str] = _STYLES) -> None:
+    """Write a text for people to standard output, its verdicts in colour where those are wanted.
+
+    `styles`: of the words, by a pattern. UsageError where it cannot be written.
+    """
+    if not wants_colour(no_color=no_color):
+        write_stdout(text)
+        return
     from rich.console import Console
     from rich.text import Text
 
