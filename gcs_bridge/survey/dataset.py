@@ -24,7 +24,7 @@ from gcs_bridge.errors import UsageError
 from gcs_bridge.files import file_of, write_file, writing
 from gcs_bridge.report.verdicts import fails
 from gcs_bridge.settings import FailOn
-from gcs_bridge.survey.found import Candidate, is_url
+from gcs_bridge.survey.found import Candidate, is_url, split_url
 from gcs_bridge.survey.parts import TABLES, parts_of, read_table, rows_in, write_part
 from gcs_bridge.survey.rows import Row
 from gcs_bridge.survey.task import MANIFEST, Result
@@ -290,10 +290,7 @@ def exit_code_of(codes: frozenset[str], fail_on: FailOn) -> int:
 
 def _holder(path: str) -> str:
     """The file that holds a recording."""
-    if is_url(path):
-        file, _, inside = path.rpartition("::")
-        return file if file and not is_url(inside) else path
-    return str(file_of(Path(path))[0])
+    return split_url(path)[0] if is_url(path) else str(file_of(Path(path))[0])
 
 
 def _manifest_in(path: Path) -> _Manifest | None:

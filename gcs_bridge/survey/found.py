@@ -12,7 +12,7 @@ from gcs_bridge.errors import SourceError, UsageError, one_line
 from gcs_bridge.files import INSIDE, file_of
 from gcs_bridge.recordings.packed import LOOKED_FOR, STANDARD_INPUT, SUFFIXES
 
-__all__ = ["Candidate", "failing", "find", "is_url", "opened_at", "stamp_of"]
+__all__ = ["Candidate", "failing", "find", "is_url", "opened_at", "split_url", "stamp_of"]
 
 _EXTRA = "pip install 'gcs-bridge[remote]'"
 _CONNECT_S, _READ_S = 10, 60  # so long a server may take, so that none holds a survey up
@@ -40,6 +40,12 @@ class Candidate(NamedTuple):
 def is_url(path: str) -> bool:
     """Whether it is for fsspec to open, as `s3://bucket/flight.tlog` is."""
     return "://" in path
+
+
+def split_url(url: str) -> tuple[str, str | None]:
+    """A URL, and which of the recordings in that file is meant; fsspec's own chains, `zip://…::s3://…`, stay whole."""
+    file, _, inside = url.rpartition(INSIDE)
+    return (file, inside) if file and not is_url(inside) else (url, None)
 
 
 def find(paths: Iterable[str]) -> Iterator[Candidate | SourceError]:

@@ -18,7 +18,7 @@ import msgspec
 
 from gcs_bridge.contract import readable
 from gcs_bridge.errors import GcsBridgeError, SourceError, UsageError, one_line
-from gcs_bridge.files import INSIDE, file_of, write_file
+from gcs_bridge.files import INSIDE, file_of, write_file, writing
 from gcs_bridge.pages.curves import Curves
 from gcs_bridge.pages.files import page_name
 from gcs_bridge.pages.page import page
@@ -26,7 +26,7 @@ from gcs_bridge.recordings.check import check_file
 from gcs_bridge.recordings.packed import recordings_in
 from gcs_bridge.report.schema import File
 from gcs_bridge.settings import Settings
-from gcs_bridge.survey.found import failing, is_url, opened_at, stamp_of
+from gcs_bridge.survey.found import failing, is_url, opened_at, split_url, stamp_of
 from gcs_bridge.survey.rows import Row, alarm_rows, check_rows, folder_of, recording_row, start_us
 
 __all__ = ["MANIFEST", "Asked", "Pages", "Result", "Task", "survey_one"]
@@ -190,7 +190,7 @@ def _here(task: Task) -> Iterator[tuple[Path, int, str]]:
         yield path, status.st_size, str(status.st_mtime_ns)
         return
     with tempfile.TemporaryDirectory(prefix="gcs-bridge-") as folder:
-        url, inside = _split(task.path)
+        url, inside = split_url(task.path)
         copy = Path(folder, url.rstrip("/").rpartition("/")[2] or "recording")
         with failing(f"{task.path}: cannot be read"):
             files, root = opened_at(url)
@@ -203,16 +203,10 @@ def _stamp_at(url: str) -> str:
     """The stamp of a file that is elsewhere; empty where it has none, or cannot be asked for: who fetches it tells."""
     try:
         with failing(url):
-            files, root = opened_at(_split(url)[0])
+            files, root = opened_at(split_url(url)[0])
             return stamp_of(files.info(root))
     except SourceError:
         return ""
-
-
-def _split(url: str) -> tuple[str, str | None]:
-    """A URL, and which of the recordings in that file is meant; fsspec's own chains, `zip://…::s3://…`, stay whole."""
-    file, _, inside = url.rpartition(INSIDE)
-    return (file, inside) if file and not is_url(inside) else (url, None)
 
 
 def _digest(path: Path) -> str:
@@ -243,9 +237,7 @@ def _page(pages: Pages, entry: File, curves: Curves, content: str) -> str | None
         return None
     place = f"pages/{content[:2]}/{page_name(entry.path)}-{content[:8]}.html"
     path = Path(pages.folder, place)
-    try:
+    with writing(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"cannot write {path.parent}: {error.strerror}") from None
     write_file(page(entry, curves, back="../../index.html"), path)
     return place
