@@ -35,6 +35,8 @@ __all__ = ["LiveOptions", "LiveRun", "LiveTask", "live_options", "refuse_not_pos
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
+# So long what comes may gather while no alarm is on its way; where somebody looks on, for some 17 pictures a second.
+_PATIENCE_S, _LOOKED_AT_S = 0.12, 0.055
 _WARM_UP_BYTES = 40_000  # of the bundled recording: a second or two of flight, so every kernel runs once
 
 
@@ -190,7 +192,8 @@ class LiveRun:
                 duration_s=task.duration_s,
                 note=_note,
                 errands=errands,
-                patient=not station,  # what is passed on, or answered, waits for nothing
+                # What is passed on, or answered, waits for nothing.
+                patience_s=0.0 if station else _LOOKED_AT_S if view or sinks.observer else _PATIENCE_S,
             )
             notifier.stopping()
         report = _named(monitor.close(), names)

@@ -21,8 +21,8 @@ class MotionSamples(Columns):
     `a_h_m_s2` (n, 3) acceleration in the level frame: along the nose, to the right, down;
     `v_h_m_s`, `d_h_m` (n, 3) velocity and displacement since the last rest, in the level frame of now, not known before
     there was one; `v_bound_m_s`, `d_bound_m` (n,) the bounds of their drift;
-    `accelerometer_down_b`, `attitude_down_b` (n, 3) down as each of the two sees it, unit vectors in body axes;
-    `apart_rad` (n,) the angle between them; `accelerometer_down_n` (n, 3) the first in NED, [0, 0, 1] if they are one;
+    `accelerometer_down_n` (n, 3) down as the accelerometer sees it, a unit vector in NED: [0, 0, 1] where the attitude
+    sees the same; `apart_rad` (n,) the angle between the two;
     `heading_rad` (n,) in [0, 2π).
     """
 
@@ -33,8 +33,6 @@ class MotionSamples(Columns):
     d_h_m: Floats
     v_bound_m_s: Floats
     d_bound_m: Floats
-    accelerometer_down_b: Floats
-    attitude_down_b: Floats
     accelerometer_down_n: Floats
     apart_rad: Floats
     heading_rad: Floats
@@ -71,7 +69,6 @@ class MotionTracker:
         unknown = ~self._since_rest(seen, resting)
         for part in reckoned:
             part[unknown] = np.nan
-        down_b = attitude.down_from_specific_force(f_b)
         return MotionSamples(
             t_boot_us=seen.t_boot_us,
             t_rx_us=seen.t_rx_us,
@@ -80,9 +77,7 @@ class MotionTracker:
             d_h_m=attitude.level_from_ned(q_nb, reckoned.displacement_n_m),
             v_bound_m_s=reckoned.velocity_bound_m_s,
             d_bound_m=reckoned.displacement_bound_m,
-            accelerometer_down_b=down_b,
-            attitude_down_b=attitude.body_down(q_nb),
-            accelerometer_down_n=attitude.rotate(q_nb, down_b),
+            accelerometer_down_n=attitude.rotate(q_nb, attitude.down_from_specific_force(f_b)),
             apart_rad=attitude.accelerometer_tilt(q_nb, f_b),
             heading_rad=attitude.heading(q_nb),
         )

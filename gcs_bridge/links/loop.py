@@ -30,8 +30,8 @@ _GATHER_S, _LONGEST_S = 0.002, 0.01
 # As long as nothing is on its way with any vehicle it may wait longer: an alarm is pending before it is raised, and is
 # judged without that wait from there on. So long must the delay be at the least, in such waits: a vehicle's clock may
 # run faster than this one's, as where a flight is played.
-_CALM_S, _CALM_SHARE = 0.045, 4
-_FEW = 256  # chunks of a batch: as many have room where a system gives the least
+_CALM_SHARE = 4
+_FEW = 256  # chunks that may gather: as many have room where a system gives the least
 _AT_ONCE_S = 0.0001  # what was there already is told within this time
 _POLL_S = 0.01  # so often a link is asked that cannot be waited for
 
@@ -93,14 +93,15 @@ def listen(
     duration_s: float | None = None,
     note: Callable[[str], None] = lambda _: None,
     errands: Sequence[Errand] = (),
-    patient: bool = False,
+    patience_s: float = 0.0,
 ) -> None:
     """Feed `monitor` from the links and `tell` each batch's events, until `stop` says so or `duration_s` is over.
 
     A batch is what has arrived: one burst where the link is quiet, more where this machine falls behind. Link number n
     is the monitor's link n; in an event of the link itself, `link` is its name. A link that has gone is waited for, and
     `note` is told in a line why it does not return, and that this machine's clock was set. All links are closed in the
-    end. `patient`: while no alarm is on its way a batch may be several bursts, where the system says when each came.
+    end. `patience_s`: while no alarm is on its way a batch may be all that comes in that time, where the system says
+    when each came.
     """
     ends_s = math.inf if duration_s is None else time.monotonic() + duration_s
     listened = [_Listened(number, link, monitor, tell, note) for number, link in enumerate(links)]
@@ -118,7 +119,7 @@ def listen(
                 came_s, gather_s = taken_s, min(max(_GATHER_S, 2 * judged_s), _LONGEST_S)
             gather_s = max(gather_s, calm_s)
             _pass(min(came_s + gather_s, ends_s) - time.monotonic(), beside)
-            taken_s = time.monotonic()
+            before_s, taken_s = taken_s, time.monotonic()
             if step_us := clock.step_us():
                 monitor.set_clock(now_us())
                 note(_clock_was_set(step_us / 1e6))
@@ -126,10 +127,9 @@ def listen(
             judged_s = time.monotonic() - taken_s
             if monitor.is_asked:  # one question a round: what comes meanwhile waits for one answer, and not for all
                 tell(monitor.answer())
-            may_wait = (
-                patient and not monitor.is_asked and sum(counts) <= _FEW and all(link.tells_arrival for link in links)
-            )
-            calm_s = min(_CALM_S, monitor.calm_s() / _CALM_SHARE) if may_wait else 0.0
+            few = sum(counts) * patience_s <= _FEW * (taken_s - before_s)
+            may_wait = few and not monitor.is_asked and all(link.tells_arrival for link in links)
+            calm_s = min(patience_s, monitor.calm_s() / _CALM_SHARE) if patience_s and may_wait else 0.0
             for errand in errands:
                 errand.run()
             if taken_s - ticked_s >= _TICK_S:

@@ -53,10 +53,17 @@ class AngleLines:
             self._near.discard(source)
             for angle in ANGLES:
                 self._before[source, angle] = np.nan
+        whole = {}
         for angle, degrees in zip(ANGLES, rpy_deg.T, strict=True):
             broken, values = broken_at_wraps(times, degrees, self._before[source, angle], 180.0)
             self._before[source, angle] = float(degrees[-1])
-            yield Rows(broken, numbers={path_of(self._key, angle, source): values})
+            path = path_of(self._key, angle, source)
+            if broken is times:
+                whole[path] = values
+            else:
+                yield Rows(broken, numbers={path: values})
+        if whole:
+            yield Rows(times, numbers=whole)
         near = np.abs(rpy_deg[:, 1]) > POLE_DEG
         if near.any() or source in self._near:
             yield self._bars(source, times, near)

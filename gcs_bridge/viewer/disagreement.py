@@ -147,7 +147,7 @@ class Apart:
         labels = [f"{math.degrees(angle):.1f}° {axis_of(part)}" for angle, part in zip(found.angle, parts, strict=True)]
         return Rows(
             times,
-            attitudes={f"{self._apart}/ghost": attitude.xyzw_from_wxyz(q_euler)},
+            attitudes={f"{self._apart}/ghost": q_euler},
             arrows={f"{self._apart}/axis": AXIS_M * found.rotvec_world / found.angle[:, None]},
             strips={f"{self._apart}/arc": _arcs(q_euler, found.rotvec_body)},
             labels={f"{self._apart}/arc": np.array(labels)},
@@ -183,7 +183,7 @@ class Apart:
         t_boot_us = np.maximum(np.round(1e3 * t_ms).astype(np.int64), 0)
         yield Rows(
             Times(boot=segment.boot, t_boot_us=t_boot_us, t_rx_us=samples.t_rx_us),
-            attitudes={self._corrected: attitude.xyzw_from_wxyz(q_nb)},
+            attitudes={self._corrected: q_nb},
         )
 
 

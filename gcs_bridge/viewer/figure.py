@@ -80,8 +80,7 @@ class Figure:
         samples = stretch.secondary
         if samples is not None and len(samples := samples.where(samples.valid)):
             yield from self._named("ahrs2", lambda: source_parts(self._key, "ahrs2"))
-            attitudes = {path_of(self._key, "body", "ahrs2"): attitude.xyzw_from_wxyz(samples.q_nb)}
-            yield Rows(times_of(samples), attitudes=attitudes)
+            yield Rows(times_of(samples), {path_of(self._key, "body", "ahrs2"): samples.q_nb})
 
     def arrows(self, stretch: Stretch) -> Iterator[New | Rows]:
         """Body rates; where the magnetic field points, by the attitude of its time."""
@@ -132,9 +131,8 @@ class Figure:
         if not self._ever_turned:
             self._ever_turned = True
             yield New(list(unturned_parts(self._key, self._place, self._type)))
-        xyzw = attitude.xyzw_from_wxyz(asked[changes])
-        for source in ("euler", "quaternion"):
-            yield Rows(times_of(samples[changes]), {path_of(self._key, "body", source, "airframe"): xyzw})
+        times, q = times_of(samples[changes]), asked[changes]
+        yield Rows(times, {path_of(self._key, "body", source, "airframe"): q for source in ("euler", "quaternion")})
 
 
 def as_displayed(samples: AttitudeSamples) -> Floats:

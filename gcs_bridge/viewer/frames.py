@@ -24,7 +24,7 @@ from gcs_bridge.viewer.times import Times
 __all__ = ["FRAMES", "Frames"]
 
 FRAMES = "frames"
-_PATTERNS = 64  # of whose rows come one behind the other: they repeat
+_PATTERNS, _PATHS = 256, 1024  # of whose rows come one behind the other, and of all of them: they repeat
 
 
 class Frames:
@@ -36,8 +36,9 @@ class Frames:
 
     def take(self, rows: Rows) -> Rows | None:
         """Keep attitudes and poses; what else there is to be drawn, None: nothing."""
-        self._moved += [(path, rows.times, xyzw) for path, xyzw in rows.attitudes.items()]
-        self._moved += [(path, rows.times, poses) for path, poses in rows.poses.items()]
+        for moves in (rows.attitudes, rows.poses):
+            for path, values in moves.items():
+                self._moved.append((path, rows.times, values))
         return rows.without_moves()
 
     def send(self, recording: Drawing) -> None:
@@ -47,7 +48,7 @@ class Frames:
             several = [one for one in moved if one[1].boot == boot]
             times = Times.joined([times for _, times, _ in several])
             whole = np.zeros((len(times), POSE))
-            whole[:, -1] = 1.0
+            whole[:, POSE - 4] = 1.0
             end = 0
             for _, _, values in several:
                 start, end = end, end + len(values)
@@ -67,8 +68,11 @@ class Frames:
 @lru_cache(_PATTERNS)
 def _names(rows: tuple[tuple[str, int], ...]) -> list[rr.ComponentColumn]:
     """Whose rows these are, of each so many, and in whose frames they lie."""
-    paths = [path for path, n in rows for _ in range(n)]
-    return [
-        CHILD_FRAME.column([f"{FRAME}{path}" for path in paths]),
-        PARENT_FRAME.column([f"{FRAME}{path.rpartition('/')[0]}" for path in paths]),
-    ]
+    names = [name for path, n in rows for name in (_frames_of(path),) * n]
+    return [CHILD_FRAME.column([child for child, _ in names]), PARENT_FRAME.column([parent for _, parent in names])]
+
+
+@lru_cache(_PATHS)
+def _frames_of(path: str) -> tuple[str, str]:
+    """Its own frame and its parent's."""
+    return f"{FRAME}{path}", f"{FRAME}{path.rpartition('/')[0]}"

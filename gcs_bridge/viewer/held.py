@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-
 from gcs_bridge.judging.observation import Observation
 from gcs_bridge.viewer.stretch import Stretch
 
@@ -34,16 +32,19 @@ class Held:
         if len(observation.segment.t_boot_us):
             self._now_us = int(observation.segment.t_boot_us[-1])
 
-    def take(self, holds_us: Sequence[float]) -> Iterator[tuple[int, Stretch]]:
-        """The parts that were drawn so long ago, each with what waits for it."""
-        count = len(self._observations)
-        for part, hold_us in enumerate(holds_us):
-            waiting = count - self._drawn[part]
-            if waiting and (abs(self._now_us - self._drawn_us[part]) >= hold_us or waiting >= _MOST):
-                stretch = Stretch(self._observations[-waiting:])
-                self._drawn[part], self._drawn_us[part] = count, self._now_us
-                yield part, stretch
+    def waits_us(self, part: int) -> int:
+        """How long ago the part was drawn for which something waits; −1: nothing does."""
+        waiting = len(self._observations) - self._drawn[part]
+        if not waiting:
+            return -1
+        return _NEVER_US if waiting >= _MOST else abs(self._now_us - self._drawn_us[part])
+
+    def take(self, part: int) -> Stretch:
+        """What waits for the part, which is drawn now."""
+        stretch = Stretch(self._observations[self._drawn[part] :])
+        self._drawn[part], self._drawn_us[part] = len(self._observations), self._now_us
         done = min(self._drawn)
         if done:
             del self._observations[:done]
             self._drawn = [drawn - done for drawn in self._drawn]
+        return stretch

@@ -38,16 +38,16 @@ _PITCHES_DEG = (-80, -60, -40, -20, 20, 40, 60, 80)  # that are written beside t
 
 
 def horizon_poses(roll_deg: Floats, pitch_deg: Floats) -> Floats:
-    """Where horizons lie (n, 7): their middle [x, y, 0], and the turn [x, y, z, w] about the axis into the picture.
+    """Where horizons lie (n, 7): their middle [x, y, 0], and the turn [w, x, y, z] about the axis into the picture.
 
     >>> horizon_poses(np.array([90.0]), np.array([10.0])).round(3).tolist()
-    [[10.0, 0.0, 0.0, 0.0, 0.0, -0.707, 0.707]]
+    [[10.0, 0.0, 0.0, 0.707, 0.0, 0.0, -0.707]]
     """
     roll_rad = np.radians(roll_deg)
     none = np.zeros(len(roll_rad))
     half = -roll_rad / 2
     middle = pitch_deg * np.sin(roll_rad), pitch_deg * np.cos(roll_rad), none
-    return np.column_stack((*middle, none, none, np.sin(half), np.cos(half)))
+    return np.column_stack((*middle, np.cos(half), none, none, np.sin(half)))
 
 
 def horizon_parts(key: VehicleId) -> Iterator[Part]:

@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import rerun as rr
 
 from gcs_bridge.columns import Floats
 from gcs_bridge.columns import Rows as Picked
-from gcs_bridge.viewer.arrays import ARROW, GEO_POINT, PLACE, SCALARS, TURN
+from gcs_bridge.viewer.arrays import ARROW, GEO_LINE, GEO_POINT, LINE, LINE_LABEL, PLACE, SCALARS, TURN
 from gcs_bridge.viewer.drawing import Drawing
 from gcs_bridge.viewer.scene import Part
 from gcs_bridge.viewer.times import Instant, Times
@@ -36,7 +35,7 @@ class Shown(NamedTuple):
 class Rows:
     """What is drawn at n times, by path.
 
-    `attitudes` (n, 4) as [x, y, z, w]; `numbers` (n,) or (n, series); `arrows` (n, 3) and the points of lines, `strips`
+    `attitudes` (n, 4) as [w, x, y, z]; `numbers` (n,) or (n, series); `arrows` (n, 3) and the points of lines, `strips`
     (n, points, 3), in their parent's axes; `labels` (n,) of the strips, if any; `poses` (n, 3) places, or
     (n, 7) places and attitudes; `geo_points` (n, 2) and `geo_strips` (n, points, 2) latitudes and longitudes, degrees.
     """
@@ -84,8 +83,9 @@ class Rows:
         """What there is beside attitudes and poses; None: nothing."""
         if not (self.attitudes or self.poses):
             return self
-        rest = replace(self, attitudes={}, poses={})
-        return rest if rest.paths else None
+        if not (self.numbers or self.arrows or self.strips or self.geo_points or self.geo_strips):
+            return None
+        return replace(self, attitudes={}, poses={})
 
     def send(self, recording: Drawing) -> None:
         """Draw them."""
@@ -99,8 +99,8 @@ class Rows:
     def _send(self, recording: Drawing) -> None:
         """The same of rows, one at least, whose receive times are all known, or all unknown."""
         times = self.times.columns(recording.aligned)
-        for path, xyzw in self.attitudes.items():
-            recording.send_columns(path, times, [TURN.column(xyzw)])
+        for path, q in self.attitudes.items():
+            recording.send_columns(path, times, [TURN.column(q)])
         for path, numbers in self.numbers.items():
             recording.send_columns(path, times, [SCALARS.column(numbers)])
         for path, vectors in self.arrows.items():
@@ -111,12 +111,14 @@ class Rows:
                 moved.append(TURN.column(poses[:, 3:]))
             recording.send_columns(path, times, moved)
         for path, strips in self.strips.items():
-            lines = rr.LineStrips3D.columns(strips=list(strips), labels=self.labels.get(path))
+            lines = [LINE.column(strips)]
+            if path in self.labels:
+                lines.append(LINE_LABEL.column(self.labels[path].tolist()))
             recording.send_columns(path, times, lines)
         for path, degrees in self.geo_points.items():
             recording.send_columns(path, times, [GEO_POINT.column(degrees)])
         for path, strips in self.geo_strips.items():
-            recording.send_columns(path, times, rr.GeoLineStrings.columns(line_strings=list(strips)))
+            recording.send_columns(path, times, [GEO_LINE.column(strips)])
 
 
 def broken_at_wraps(times: Times, angle_deg: Floats, before_deg: float, beyond_deg: float) -> tuple[Times, Floats]:

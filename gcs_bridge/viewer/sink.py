@@ -10,7 +10,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import rerun as rr
 
-from gcs_bridge import attitude
 from gcs_bridge.checks.euler_quaternion import EulerQuaternion
 from gcs_bridge.events import (
     AlarmCleared,
@@ -44,11 +43,12 @@ __all__ = ["RerunSink", "sinks_of"]
 
 
 # How often each part of the picture is drawn, µs of the vehicle's time: bodies as often as a live link is judged, which
-# is some 20 times a second; the indicator seven times; plots two or three times, since the eye sees no more, and each
-# time costs as much as 100 rows. Of several vehicles all but the bodies is drawn less often.
-_BODIES_US, _INDICATOR_US, _REST_US = 35_000.0, 130_000.0, 390_000.0
-_MORE_EACH, _MOST = 0.22, 4.0
-_AT_ONCE = (0.0, 0.0, 0.0)
+# is some 17 times a second; the indicator eight times; plots twice, since the eye sees no more, and each time costs as
+# much as 100 rows. Of several vehicles all but the bodies is drawn less often: of four, plots each 1.2 s.
+_BODIES, _INDICATOR, _REST = range(3)
+_BODIES_US, _INDICATOR_US, _REST_US = 35_000, 105_000, 480_000
+_MORE_EACH, _MOST = 0.5, 4.0
+_IN_TURNS = 16  # vehicles, of which one's rest is drawn between two batches: no body waits long for it
 
 
 class RerunSink(ViewerSink):
@@ -86,24 +86,43 @@ class RerunSink(ViewerSink):
         """Draw samples and their comparison, each part of the picture as often as it is to be drawn."""
         if self._pace is not None and not self._pace.is_kept:
             return
-        held = self._held.setdefault(observation.vehicle, Held(len(_AT_ONCE)))
+        held = self._held.setdefault(observation.vehicle, Held(3))
         if held.boot not in (None, observation.segment.boot):
-            self._draw_held(observation.vehicle, held, _AT_ONCE)
+            self._draw_held(observation.vehicle, held)
         held.add(observation)
-        slower = min(1.0 + _MORE_EACH * max(len(self._vehicles) - 1, 0), _MOST)
-        self._draw_held(observation.vehicle, held, (_BODIES_US, _INDICATOR_US * slower, _REST_US * slower))
+        if held.waits_us(_BODIES) >= _BODIES_US:
+            self._draw_part(observation.vehicle, held, _BODIES)
+        if held.waits_us(_INDICATOR) >= _INDICATOR_US * self._slower:
+            self._draw_part(observation.vehicle, held, _INDICATOR)
+
+    def _draw_due(self) -> None:
+        """The rest, where it is to be drawn again; of a live link that of those that have waited longest."""
+        due = [(held.waits_us(_REST), vehicle) for vehicle, held in self._held.items()]
+        due = [one for one in due if one[0] >= _REST_US * self._slower]
+        if self._live:
+            due = sorted(due, reverse=True)[: 1 + len(self._held) // _IN_TURNS]
+        for _, vehicle in due:
+            self._draw_part(vehicle, self._held[vehicle], _REST)
+
+    @property
+    def _slower(self) -> float:
+        return min(1.0 + _MORE_EACH * max(len(self._vehicles) - 1, 0), _MOST)
 
     def _draw_observed(self) -> None:
         for vehicle, held in self._held.items():
-            self._draw_held(vehicle, held, _AT_ONCE)
+            self._draw_held(vehicle, held)
 
-    def _draw_held(self, vehicle: VehicleId, held: Held, holds_us: Sequence[float]) -> None:
-        key = self._key(vehicle)
-        for part, stretch in held.take(holds_us):
-            if stretch.sent:
-                self._vehicle(key)
-            if key in self._vehicles:
-                (self._draw_bodies, self._draw_indicator, self._draw_rest)[part](key, stretch)
+    def _draw_held(self, vehicle: VehicleId, held: Held) -> None:
+        for part in (_BODIES, _INDICATOR, _REST):
+            if held.waits_us(part) >= 0:
+                self._draw_part(vehicle, held, part)
+
+    def _draw_part(self, vehicle: VehicleId, held: Held, part: int) -> None:
+        key, stretch = self._key(vehicle), held.take(part)
+        if stretch.sent:
+            self._vehicle(key)
+        if key in self._vehicles:
+            (self._draw_bodies, self._draw_indicator, self._draw_rest)[part](key, stretch)
 
     def _draw_bodies(self, key: VehicleId, stretch: Stretch) -> None:
         """Attitudes, and what shows how they differ."""
@@ -130,10 +149,13 @@ class RerunSink(ViewerSink):
 
     def events(self, events: Sequence[Event]) -> None:
         """Write events into the log, and what they mean for the comparison into its lane."""
+        self._move()
+        self._draw_due()
         for event in events:
             self._draw_event(event)
         self._settle()
-        self._move()
+        if events:
+            self._move()
 
     def _move(self) -> None:
         if self._frames is not None:
@@ -229,8 +251,7 @@ class RerunSink(ViewerSink):
             self._rec.set_time(times.moment(0))
             self._name(key, None)
         self._latest_rx_us = max(self._latest_rx_us, int(times.t_rx_us.max()))
-        xyzw = attitude.xyzw_from_wxyz(angles.samples.q_nb)
-        self._draw_rows(Rows(times, {path_of(key, "body", angles.source): xyzw}))
+        self._draw_rows(Rows(times, {path_of(key, "body", angles.source): angles.samples.q_nb}))
 
     def _draw_first_compared(self, key: VehicleId, vehicle: Followed, stretch: Stretch) -> None:
         """Say that the two forms are compared, from the boot's first pair on that is judged."""

@@ -22,7 +22,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gcs_bridge import attitude
 from gcs_bridge.columns import Floats
 from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.positions import LOCAL, PositionSamples
@@ -204,8 +203,8 @@ class Trail:
             self.reach = Reach(places[0], places[0])
             yield New(list(place_parts(self._key, self._place)))
             yield self._airframe()
-        for place in places:
-            self.reach = self.reach.with_(place)
+        north, east, down = zip(*places, strict=True)
+        self.reach = self.reach.with_((min(north), min(east), min(down))).with_((max(north), max(east), max(down)))
         whole = self._origins.reach or self.reach
         self._origins.reach = whole.with_(self.reach.low).with_(self.reach.high)
         yield from self.fit(_GROWS)
@@ -227,7 +226,7 @@ class Trail:
         down = np.column_stack((at[:, :2], np.zeros(len(at))))
         yield Rows(
             _times(positions, drawn),
-            {path_of(self._key, "place", "airframe"): attitude.xyzw_from_wxyz(q_nb)},
+            {path_of(self._key, "place", "airframe"): q_nb},
             poses={path_of(self._key, "place"): at},
             strips={path_of(self._key, "plumb"): np.stack((at, down), axis=1)},
         )

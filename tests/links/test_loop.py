@@ -264,10 +264,10 @@ class Taken:
 
 
 @contextlib.contextmanager
-def taking(monitor: Any, *links: Link, patient: bool = False) -> Iterator[None]:
+def taking(monitor: Any, *links: Link, patience_s: float = 0.0) -> Iterator[None]:
     """`listen` in a thread, for such a monitor."""
     stop = threading.Event()
-    more = {"stop": stop.is_set, "patient": patient}
+    more = {"stop": stop.is_set, "patience_s": patience_s}
     thread = threading.Thread(target=listen, args=(links, monitor, lambda _: None), kwargs=more)
     thread.start()
     try:
@@ -306,7 +306,7 @@ def test_while_it_is_calm_several_bursts_are_one_batch() -> None:
     monitor = Taken(calm_s=1.0)
     began_us = time.time_ns() // 1000
     sent_us = []
-    with taking(monitor, link, patient=True), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+    with taking(monitor, link, patience_s=0.045), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for burst in range(40):
             sent_us.append(time.time_ns() // 1000)
             sender.sendto(bytes([burst]), (uri.host, uri.port))

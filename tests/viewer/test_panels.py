@@ -110,8 +110,8 @@ def test_the_horizon_lies_across_the_down_that_the_body_sees() -> None:
     down_b = rotations.inv().apply([0.0, 0.0, 1.0])
     _, pitch, roll = rotations.as_euler("ZYX", degrees=True).T
     poses = horizon_poses(roll, pitch)
-    level = Rotation.from_quat(poses[:, 3:]).apply([1.0, 0.0, 0.0])
-    below = Rotation.from_quat(poses[:, 3:]).apply([0.0, 1.0, 0.0])
+    turns = Rotation.from_quat(poses[:, [4, 5, 6, 3]])  # SciPy: x, y, z, w
+    level, below = turns.apply([1.0, 0.0, 0.0]), turns.apply([0.0, 1.0, 0.0])
     across = down_b[:, 1:] / np.linalg.norm(down_b[:, 1:], axis=1)[:, None]  # right and down of the picture
     assert np.einsum("ij,ij->i", level[:, :2], across) == pytest.approx(0.0, abs=1e-9)
     assert np.einsum("ij,ij->i", below[:, :2], across) == pytest.approx(1.0, abs=1e-9)
