@@ -15,7 +15,7 @@ from gcs_bridge.viewer.times import Aligned, Instant
 
 __all__ = ["Drawing", "new_recording"]
 
-_TICK_S = 0.02  # so long rerun gathers a live link's events; samples are gathered already, and go at once
+_TICK_S = 0.05  # so long rerun gathers a live link's events; samples are gathered already, and go at once
 
 
 def new_recording(

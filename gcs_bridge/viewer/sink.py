@@ -45,10 +45,12 @@ __all__ = ["RerunSink", "sinks_of"]
 # How often each part of the picture is drawn, µs of the vehicle's time: bodies as often as a live link is judged, which
 # is some 17 times a second; the indicator eight times; plots twice, since the eye sees no more, and each time costs as
 # much as 100 rows. Of several vehicles all but the bodies is drawn less often: of four, plots each 1.2 s.
-_BODIES, _INDICATOR, _REST = range(3)
+_PARTS = _BODIES, _INDICATOR, _REST = range(3)
 _BODIES_US, _INDICATOR_US, _REST_US = 35_000, 105_000, 480_000
 _MORE_EACH, _MOST = 0.5, 4.0
-_IN_TURNS = 16  # vehicles, of which one's rest is drawn between two batches: no body waits long for it
+# So many vehicles' plots are drawn at once, at half the cost of one by one: it takes less time than batches are apart,
+# so no body waits for it. Of a fleet, one in so many.
+_AT_ONCE, _OF_FLEET = 4, 16
 
 
 class RerunSink(ViewerSink):
@@ -83,37 +85,35 @@ class RerunSink(ViewerSink):
         self._boots: set[int] = set()
 
     def observe(self, observation: Observation) -> None:
-        """Draw samples and their comparison, each part of the picture as often as it is to be drawn."""
+        """Take samples and their comparison, which are drawn with the batch's events."""
         if self._pace is not None and not self._pace.is_kept:
             return
-        held = self._held.setdefault(observation.vehicle, Held(3))
+        held = self._held.setdefault(observation.vehicle, Held(len(_PARTS)))
         if held.boot not in (None, observation.segment.boot):
             self._draw_held(observation.vehicle, held)
         held.add(observation)
-        if held.waits_us(_BODIES) >= _BODIES_US:
-            self._draw_part(observation.vehicle, held, _BODIES)
-        if held.waits_us(_INDICATOR) >= _INDICATOR_US * self._slower:
-            self._draw_part(observation.vehicle, held, _INDICATOR)
 
     def _draw_due(self) -> None:
-        """The rest, where it is to be drawn again; of a live link that of those that have waited longest."""
-        due = [(held.waits_us(_REST), vehicle) for vehicle, held in self._held.items()]
-        due = [one for one in due if one[0] >= _REST_US * self._slower]
-        if self._live:
-            due = sorted(due, reverse=True)[: 1 + len(self._held) // _IN_TURNS]
-        for _, vehicle in due:
-            self._draw_part(vehicle, self._held[vehicle], _REST)
-
-    @property
-    def _slower(self) -> float:
-        return min(1.0 + _MORE_EACH * max(len(self._vehicles) - 1, 0), _MOST)
+        """Each part of the picture that is to be drawn again: the bodies first, then what may wait."""
+        slower = min(1.0 + _MORE_EACH * max(len(self._vehicles) - 1, 0), _MOST)
+        for part, each_us in ((_BODIES, _BODIES_US), (_INDICATOR, slower * _INDICATOR_US)):
+            for vehicle, held in self._held.items():
+                if held.waits_us(part) >= each_us:
+                    self._draw_part(vehicle, held, part)
+        self._move()
+        waits_us = {vehicle: held.waits_us(_REST) for vehicle, held in self._held.items()}
+        if max(waits_us.values(), default=-1) >= slower * _REST_US:
+            at_once = max(_AT_ONCE, len(waits_us) // _OF_FLEET) if self._live else len(waits_us)
+            for vehicle in sorted(waits_us, key=waits_us.__getitem__, reverse=True)[:at_once]:
+                if waits_us[vehicle] >= 0:
+                    self._draw_part(vehicle, self._held[vehicle], _REST)
 
     def _draw_observed(self) -> None:
         for vehicle, held in self._held.items():
             self._draw_held(vehicle, held)
 
     def _draw_held(self, vehicle: VehicleId, held: Held) -> None:
-        for part in (_BODIES, _INDICATOR, _REST):
+        for part in _PARTS:
             if held.waits_us(part) >= 0:
                 self._draw_part(vehicle, held, part)
 
@@ -148,8 +148,7 @@ class RerunSink(ViewerSink):
         self._draw_trail(vehicle, stretch)
 
     def events(self, events: Sequence[Event]) -> None:
-        """Write events into the log, and what they mean for the comparison into its lane."""
-        self._move()
+        """Draw what the batch showed; write its events into the log, and what they mean into the lanes."""
         self._draw_due()
         for event in events:
             self._draw_event(event)
