@@ -321,6 +321,20 @@ def test_while_it_is_calm_several_bursts_are_one_batch() -> None:
     assert all(sent <= arrived for sent, arrived in zip(sent_us, arrived_us, strict=True))
 
 
+def test_a_flood_does_not_gather_however_calm_it_is() -> None:
+    """More would come meanwhile than there is room for: of 20,000 a second or so, 2,400 in the time that may pass."""
+    link, uri = udp_link()
+    monitor = Taken(calm_s=1.0)
+    with taking(monitor, link, patience_s=0.12), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for _ in range(500):
+            for message in range(20):
+                sender.sendto(bytes([message]), (uri.host, uri.port))
+            time.sleep(0.001)
+        wait_until(lambda: len(monitor.of(0)) + link.dropped == 10_000)
+    sizes = sorted(len(batch) for _, batch in monitor.batches)
+    assert sizes[len(sizes) // 2] < 600
+
+
 def test_what_waits_is_fetched_at_once_where_nobody_says_when_it_came() -> None:
     """A stream's bytes have the time at which they are fetched: however calm it is, that is not later for it."""
     main, terminal = pty.openpty()
