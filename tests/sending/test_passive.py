@@ -126,10 +126,11 @@ def test_no_peer_receives_a_byte(relay: bool) -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="strace is a program of Linux")
-@pytest.mark.skipif(not _can_trace(), reason="there is no strace, or it may not trace")
 @pytest.mark.parametrize("options", [(), ("--act-as-gcs",)])
 def test_the_system_was_asked_to_send_nothing(options: tuple[str, ...], tmp_path: Path) -> None:
     """No call that could write names a link's socket or device, in any thread or child; where it may, it is seen."""
+    if not _can_trace():
+        pytest.skip("there is no strace, or it may not trace")
     log = tmp_path / "strace"
     strace = [str(_STRACE), "-f", "-yy", "-qq", "--signal=none", "-e", f"trace={_SENDING}", "-o", str(log), *PROGRAM]
     events = tmp_path / "events.jsonl"
