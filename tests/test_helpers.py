@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import hypothesis
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.helpers import craft, wire
 from tests.helpers.craft import State
+from tests.helpers.everyday import ALL_CASES, searched
 from tests.helpers.turn import Turn
 
 
@@ -99,3 +101,13 @@ def test_a_craft_s_messages_are_packed_as_pymavlink_packs_them() -> None:
     ]
     for make, message in expected:
         assert wire.pack(make(7, told)) == wire.pack(message)
+
+
+def test_a_search_keeps_its_share_of_the_cases() -> None:
+    """All of its own where all of Hypothesis's are tried, a third elsewhere, one at least; what else is asked for, too."""
+    tried = hypothesis.settings().max_examples
+    assert tried in (ALL_CASES, ALL_CASES // 3)
+    assert searched(3 * ALL_CASES).max_examples == 3 * tried
+    assert searched(1).max_examples == 1
+    assert searched(60, print_blob=True).print_blob
+    assert searched(60).deadline is None

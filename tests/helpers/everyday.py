@@ -3,7 +3,11 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import hypothesis
 import pytest
+
+ALL_CASES = 100
+"""How many cases Hypothesis tries by itself; tests/conftest.py says when it tries fewer."""
 
 
 def one_in(n: int, cases: Iterable[Any]) -> list[Any]:
@@ -28,3 +32,9 @@ def in_turns(rounds: int, *axes: Sequence[Any]) -> list[tuple[Any, ...]]:
             for case in range(longest)
         )
     )
+
+
+def searched(cases: int, **more: Any) -> hypothesis.settings:
+    """For a test of Hypothesis: so many cases where sweeps are run, elsewhere the share of them that others have."""
+    share = hypothesis.settings().max_examples / ALL_CASES
+    return hypothesis.settings(max_examples=max(1, round(cases * share)), **more)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 from pymavlink.generator.mavcrc import x25crc
@@ -21,7 +21,7 @@ from pymavlink.generator.mavcrc import x25crc
 from gcs_bridge.mavlink.dialect import load_dialect
 from gcs_bridge.mavlink.scanner import RawFrame, Salvage, Scanner
 from tests.helpers import wire
-from tests.helpers.everyday import one_in
+from tests.helpers.everyday import one_in, searched
 from tests.helpers.paths import FIXTURES
 
 DAMAGED = "h_lossy_dirty"
@@ -644,7 +644,7 @@ def test_a_wrong_time_of_the_first_record_is_not_believed(bad: int) -> None:
 
 # --- properties ------------------------------------------------------------------------------------------------------
 
-SLOW = settings(max_examples=150, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+SLOW = searched(150, suppress_health_check=[HealthCheck.too_slow])
 
 _seeds = [wire.heartbeat(), wire.attitude(1, (0.1, 0.2, 0.3)), wire.heartbeat(version=1), wire.heartbeat(key=bytes(32))]
 _bits = st.one_of(

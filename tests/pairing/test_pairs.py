@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
@@ -16,6 +16,7 @@ from gcs_bridge.pairing.pairs import Aligner, Pairs
 from gcs_bridge.settings import AlignmentSettings, ResetSettings
 from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples
 from tests.helpers import wire
+from tests.helpers.everyday import searched
 
 Array = NDArray[np.float64]
 EULER, QUATERNION = 0, 1
@@ -412,7 +413,7 @@ _motion = wire.Motion(200, seed=15, speed_rad_s=2.0)
 
 
 @pytest.mark.slow
-@settings(max_examples=60, derandomize=True)
+@searched(60)
 @given(_moves, st.lists(st.integers(0, 400), max_size=12))
 def test_the_cut_into_batches_changes_no_bit(moves: list[tuple[int, int, int, float, int]], cuts: list[int]) -> None:
     """Whole, in pieces, or sample by sample: the same pairs, attitudes, bounds and times, bit for bit."""
