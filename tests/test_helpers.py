@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.helpers import craft, wire
 from tests.helpers.craft import State
-from tests.helpers.everyday import ALL_CASES, searched
+from tests.helpers.everyday import ALL_CASES, one_in, searched
 from tests.helpers.turn import Turn
 
 
@@ -104,10 +104,18 @@ def test_a_craft_s_messages_are_packed_as_pymavlink_packs_them() -> None:
 
 
 def test_a_search_keeps_its_share_of_the_cases() -> None:
-    """All of its own where all of Hypothesis's are tried, a third elsewhere, one at least; what else is asked for, too."""
+    """All of its own where all of Hypothesis's are tried, a third elsewhere, one at least; other settings are kept."""
     tried = hypothesis.settings().max_examples
     assert tried in (ALL_CASES, ALL_CASES // 3)
     assert searched(3 * ALL_CASES).max_examples == 3 * tried
     assert searched(1).max_examples == 1
     assert searched(60, print_blob=True).print_blob
     assert searched(60).deadline is None
+
+
+def test_of_a_family_some_are_for_every_day() -> None:
+    """The first of each `n`; the others are slow, and left to sweeps unless each shows something else."""
+    for swept, rest in ((True, {"slow", "sweep"}), (False, {"slow"})):
+        marks = [{mark.name for mark in case.marks} for case in one_in(3, range(7), swept=swept)]
+        assert marks == [set(), rest, rest, set(), rest, rest, set()]
+    assert [case.values for case in one_in(2, [(1, "a"), (2, "b")])] == [(1, "a"), (2, "b")]

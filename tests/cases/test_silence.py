@@ -106,7 +106,7 @@ def transfer(make: Any, begin_s: float, end_s: float, hz: float) -> list[tuple[f
 
 
 @pytest.mark.parametrize("make", varied(parameter_number, mission_item, mission_request, file_piece, log_data))
-@pytest.mark.parametrize(("seconds", "hz"), [(11, 50), (5, 4), (40, 1), (25, 10)])
+@pytest.mark.parametrize(("seconds", "hz"), one_in(2, [(11, 50), (5, 4), (40, 1), (25, 10)]))
 def test_a_transfer_stops_the_streams(make: Any, seconds: float, hz: float) -> None:
     """No alarm: NO COMPARE from two seconds on until it is over."""
     end_s = 20 + seconds
@@ -129,7 +129,7 @@ def test_a_manoeuvre_while_nothing_comes_is_judged_by_no_rates(begin: float) -> 
     assert alarms(vehicle, "kinematics") == []
 
 
-@pytest.mark.parametrize(("nth", "hz"), [(4, 10), (4, 2), (16, 1)])
+@pytest.mark.parametrize(("nth", "hz"), one_in(2, [(4, 10), (4, 2), (16, 1)]))
 def test_a_transfer_slows_the_streams(nth: int, hz: float) -> None:
     """Four times slower while a mission is read, and sixteen times: no warning."""
     slowed = stopped(30, 60, thinned(nth))
@@ -191,7 +191,7 @@ def test_a_real_flight_whose_attitudes_stop(keep: Sequence[int], seconds: float)
     assert len(vehicle["boots"]) == 1
 
 
-@pytest.mark.parametrize("hz", [1, 4, 25, 50])
+@pytest.mark.parametrize("hz", one_in(3, [1, 4, 25, 50]))
 @pytest.mark.parametrize("seconds", varied(9, 60))
 def test_heartbeats_alone(hz: float, seconds: float) -> None:
     """Whatever the rate was: five of its periods, two seconds at the least, and the next heartbeat."""
@@ -353,7 +353,7 @@ def restarted(
 
 @pytest.mark.parametrize(
     "others",
-    [[system_time], [imu], [position], [pressure, position], [imu, system_time]],
+    one_in(2, [[system_time], [imu], [position], [pressure, position], [imu, system_time]]),
     ids=lambda made: "+".join(one.__name__ for one in made),
 )
 @pytest.mark.parametrize("silent_s", varied(2, 0.5, 6, 20))
@@ -378,7 +378,7 @@ def test_a_restart_that_the_sequence_alone_shows(silent_s: float) -> None:
     assert alarms(vehicle) == []
 
 
-@pytest.mark.parametrize("booting_s", [0, 5, 9, 15])
+@pytest.mark.parametrize("booting_s", one_in(2, [0, 5, 9, 15]))
 @pytest.mark.parametrize("first", varied(0, 3, 25))
 def test_a_restart_after_which_heartbeats_come_first(booting_s: float, first: int) -> None:
     """The attitudes follow when it has booted, some of its first frames were lost: one restart, and no alarm."""
@@ -540,13 +540,17 @@ def test_slower_than_was_asked_for_is_slow(how: str) -> None:
 
 @pytest.mark.parametrize(
     "request_",
-    [
-        wire.pack(mavlink.MAVLink_request_data_stream_message(1, 1, 2, 4, 1), sysid=255),  # another stream
-        wire.pack(mavlink.MAVLink_request_data_stream_message(2, 1, 10, 4, 1), sysid=255),  # of another vehicle
-        wire.pack(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 33, 250_000, 0, 0, 0, 0, 0), sysid=255),
-        wire.pack(mavlink.MAVLink_command_long_message(1, 1, 512, 0, 30, 0, 0, 0, 0, 0, 0), sysid=255),
-        wire.pack(mavlink.MAVLink_param_set_message(1, 1, b"SR0_POSITION", 4, 9), sysid=255),
-    ],
+    one_in(
+        2,
+        [
+            wire.pack(mavlink.MAVLink_request_data_stream_message(1, 1, 2, 4, 1), sysid=255),  # another stream
+            wire.pack(mavlink.MAVLink_request_data_stream_message(2, 1, 10, 4, 1), sysid=255),  # of another vehicle
+            wire.pack(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 33, 250_000, 0, 0, 0, 0, 0), sysid=255),
+            wire.pack(mavlink.MAVLink_command_long_message(1, 1, 512, 0, 30, 0, 0, 0, 0, 0, 0), sysid=255),
+            wire.pack(mavlink.MAVLink_param_set_message(1, 1, b"SR0_POSITION", 4, 9), sysid=255),
+        ],
+        swept=False,
+    ),
 )
 def test_what_nobody_asked_for_is_slow(request_: bytes) -> None:
     """A request for something else excuses nothing."""

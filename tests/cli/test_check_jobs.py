@@ -40,6 +40,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
+@pytest.mark.slow
 def test_report_and_events_are_the_same(logs: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """In the order of the files, with the bad one in its place; the code is that of the worst."""
     one, several = (checked(capfd, logs, "--jobs", jobs, "--format", "json", "--events", "-") for jobs in (1, 2))

@@ -16,6 +16,7 @@ from gcs_bridge.cli import main
 from gcs_bridge.cli.check import find_recordings
 from gcs_bridge.errors import SourceError, UsageError
 from gcs_bridge.report.schema import File
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import ROOT
 from tests.helpers.report_entries import file, vehicle, without_quaternion
 
@@ -80,7 +81,8 @@ def test_help(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["check", "--help"], ["--version"], ["check", "none", "--profile", "x"]]
+    "arguments",
+    one_in(3, [["--help"], ["check", "--help"], ["--version"], ["check", "none", "--profile", "x"]], swept=False),
 )
 def test_nothing_heavy_is_imported_to_help_or_refuse(arguments: list[str]) -> None:
     """Help, version and refusals load no numerics, no viewer and no MAVLink tables."""
@@ -92,6 +94,7 @@ def test_nothing_heavy_is_imported_to_help_or_refuse(arguments: list[str]) -> No
     assert python("-c", program).stderr.splitlines()[-1] == "[]"
 
 
+@pytest.mark.slow
 def test_help_is_quick() -> None:
     """--help takes less than 0.4 s of a processor, in a fresh process, at its best of three."""
 

@@ -106,6 +106,7 @@ def test_wrong_usage(arguments: list[str], said: str, survey: Any, tmp_path: Pat
     assert said in ended.err[0]
 
 
+@pytest.mark.slow
 def test_signed_recordings(survey: Any, tmp_path: Path) -> None:
     """By the right key and by another: judged in this process, as no other is given the key."""
     key = tmp_path / "key"
@@ -117,6 +118,7 @@ def test_signed_recordings(survey: Any, tmp_path: Path) -> None:
     assert len(list((tmp_path / "out" / "earlier").iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_nothing_to_judge(survey: Any, tmp_path: Path) -> None:
     """A folder without recordings, and a file that is not there, are named; there is a summary all the same."""
     (tmp_path / "bare").mkdir()

@@ -252,6 +252,7 @@ def test_every_other_message_has_a_table_of_its_own(tmp_path: Path) -> None:
     assert sorted(one["frame_index"] for one in told) == sorted(table["frame_index"].to_pylist())
 
 
+@pytest.mark.slow
 def test_csv_has_a_column_for_each_place_of_an_array(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As pymavlink reads it; and no two tables that a file system without upper case would take for one."""
     assert export(SQUARE, tmp_path, "--all", "--format", "csv", *SHORT) == 0

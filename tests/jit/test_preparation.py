@@ -114,6 +114,7 @@ def test_a_new_version_is_compiled_anew_and_the_old_one_goes_on_beside_it(packag
     assert told_by(started(package)) == ("False\n", "")
 
 
+@pytest.mark.slow
 def test_on_a_terminal_a_line_tells_how_far_it_is_and_goes(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """It leaves nothing behind."""
 
@@ -143,6 +144,7 @@ def test_a_kernel_that_nobody_prepared_is_compiled_when_it_is_called(
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_without_a_helper_it_takes_longer_and_that_is_all(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """No other process can be started, or it ends at once; what somebody else claims for ever is compiled here too."""
 

@@ -114,6 +114,7 @@ def test_a_clock_set_back_hides_no_silence(clock: SetClock, sender: tuple[Networ
     assert names.index("stream_stale") < names.index("vehicle_lost")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step_s", one_in(7, (-5.0, -HOUR_S, -30.0, -0.5, 0.5, 5.0, HOUR_S)))
 @pytest.mark.parametrize(("name", "start_s"), one_in(2, (("a_copter_square", 20), ("p_px4_quad_square", 0))))
 def test_a_recording_across_a_step(name: str, start_s: float, step_s: float) -> None:

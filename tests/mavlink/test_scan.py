@@ -155,7 +155,7 @@ def test_undamaged_recordings_hold_the_frames_that_pymavlink_finds(name: str) ->
     assert salvage.read_fraction == 1.0
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name != DAMAGED])
+@pytest.mark.parametrize("name", one_in(2, [name for name in NAMES if name != DAMAGED]))
 def test_record_times_and_offsets_are_those_of_the_file(name: str) -> None:
     """A frame's time is the big-endian number before it, its offset the place of its first byte."""
     at, expected = 0, []

@@ -154,7 +154,7 @@ def test_two_stations_that_undo_each_other_s_wish_tire() -> None:
     assert sum("another station has changed it" in line for line in run.said) == again
 
 
-@pytest.mark.parametrize("limit_hz", [3.0, 8.0])
+@pytest.mark.parametrize("limit_hz", one_in(2, [3.0, 8.0], swept=False))
 def test_a_link_that_takes_no_more(limit_hz: float) -> None:
     """The vehicle still means to send 20 Hz: nobody has undone anything, and nothing is asked again."""
     run = Run(Autopilot()).go_on(30)

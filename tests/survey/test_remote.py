@@ -65,6 +65,7 @@ def web(files: Path, asked_for: list[str]) -> Iterator[str]:
         thread.join()
 
 
+@pytest.mark.slow
 def test_over_http(web: str, tmp_path: Path, asked_for: list[str]) -> None:
     """A folder that the server lists, and a file of it by name; known again without being sent again."""
     out = tmp_path / "out"

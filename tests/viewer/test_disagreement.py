@@ -212,6 +212,7 @@ def test_what_a_diagnosis_leaves_open_is_named_and_what_it_does_not_tell_is_not_
         assert undoing(named(*causes, value=1.0)) is None
 
 
+@pytest.mark.slow
 def test_what_is_over_goes(tmp_path: Path) -> None:
     """Behind the fault's last pair the ghost is cleared, and the corrected triad with its alarm."""
     recording, events = drawn(flown("yaw_offset:25", until_s=14.0), tmp_path / "a.rrd")
@@ -329,6 +330,7 @@ def test_a_display_offset_turns_what_is_drawn_and_nothing_that_is_compared(tmp_p
     assert small
 
 
+@pytest.mark.slow
 def test_a_real_tailsitter_in_forward_flight_is_drawn_lying(tmp_path: Path) -> None:
     """PX4's, by pymavlink's own reading: its nose is straight down by q, and near the horizon as it is drawn."""
     path = FIXTURES / "k13b_px4_tailsitter_fw.tlog"

@@ -281,6 +281,7 @@ def test_the_state_is_the_worst_that_is_raised(tmp_path: Path) -> None:
     assert states == [[state] for *_, state in story]
 
 
+@pytest.mark.slow
 def test_each_boot_has_a_clock_of_its_own(tmp_path: Path) -> None:
     """After a reboot the boot time begins again: on one timeline both flights would lie over each other."""
     path = tmp_path / "a.rrd"
@@ -297,6 +298,7 @@ def test_each_boot_has_a_clock_of_its_own(tmp_path: Path) -> None:
     assert [state for (state,), _ in itertools.groupby(states)] == told
 
 
+@pytest.mark.slow
 def test_vehicles_stand_side_by_side(tmp_path: Path) -> None:
     """Each has its entities and a place of its own."""
     path = tmp_path / "a.rrd"

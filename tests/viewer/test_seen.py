@@ -71,6 +71,7 @@ def feed(monitor: Monitor, sink: ViewerSink, records: list[tuple[int, bytes]]) -
         sink.events(monitor.feed(b"".join(frame for _, frame in some), some[-1][0]))
 
 
+@pytest.mark.slow
 @can_draw
 def test_the_viewer_turns_bodies_as_scipy_does(tmp_path: Path, port: int) -> None:
     """At chosen instants of an acro flight, through the pole too, the viewer's own matrices are SciPy's, for both."""

@@ -19,6 +19,7 @@ from gcs_bridge.telemetry import positions
 from gcs_bridge.viewer import open_viewer
 from gcs_bridge.viewer.earth import TangentPlane
 from tests.helpers import wire
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES
 from tests.helpers.viewer_tools import Drawn, can_draw, drawn, eventually, has_browser
 
@@ -136,14 +137,18 @@ def test_the_trail_is_one_line_and_thin(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "bad",
-    [
-        lambda ms: global_position(ms, (0.0, 0.0, 0.0)),
-        lambda ms: global_position(ms, (ZURICH[0] + 1.0, *ZURICH[1:])),
-        lambda ms: global_position(ms, (*ZURICH[:2], 2e6)),
-        lambda ms: global_position(ms, (91.0, *ZURICH[1:])),
-        lambda ms: local_position(ms, (math.nan, 0.0, math.inf)),
-        lambda ms: gps_raw(ms, (3.0, 4.0, 5.0), fix=1),
-    ],
+    one_in(
+        3,
+        [
+            lambda ms: global_position(ms, (0.0, 0.0, 0.0)),
+            lambda ms: global_position(ms, (ZURICH[0] + 1.0, *ZURICH[1:])),
+            lambda ms: global_position(ms, (*ZURICH[:2], 2e6)),
+            lambda ms: global_position(ms, (91.0, *ZURICH[1:])),
+            lambda ms: local_position(ms, (math.nan, 0.0, math.inf)),
+            lambda ms: gps_raw(ms, (3.0, 4.0, 5.0), fix=1),
+        ],
+        swept=False,
+    ),
 )
 def test_what_cannot_be_is_left_out(bad: Callable[[int], bytes], tmp_path: Path) -> None:
     """0° north 0° east, a leap and back, heights and angles that there are not, NaN: as if they had not come."""
