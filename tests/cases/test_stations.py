@@ -73,7 +73,7 @@ NO_VEHICLES = [  # MAV_TYPE, and the number of the component
 ]
 
 
-@pytest.mark.parametrize("autopilot", one_in(2, CLAIMED))
+@pytest.mark.parametrize("autopilot", one_in(4, CLAIMED))
 @pytest.mark.parametrize("sends_attitude", [False, True])
 def test_what_is_no_vehicle(sends_attitude: bool, autopilot: int) -> None:
     """By type, or by a number kept for other things where the type says nothing; each in a system of its own."""

@@ -77,7 +77,7 @@ def test_a_flight_whose_stamps_never_meet() -> None:
 
 
 @pytest.mark.parametrize(
-    ("hz", "apart_ms", "trim_deg"), one_in(4, [(*link, trim) for link, trim in in_turns(2, RADIO, AHRS_TRIMS)])
+    ("hz", "apart_ms", "trim_deg"), one_in(8, [(*link, trim) for link, trim in in_turns(2, RADIO, AHRS_TRIMS)])
 )
 def test_ahrs_trim_is_fitted(hz: float, apart_ms: int, trim_deg: tuple[float, float]) -> None:
     """Both numbers, whatever the rate and the distance of the stamps, before anything is alarmed."""
@@ -180,7 +180,7 @@ def test_it_does_not_matter_how_the_bytes_are_cut() -> None:
 
 @pytest.mark.parametrize(
     ("hz", "apart_ms", "deg"),
-    one_in(4, [(*link, deg) for link, deg in in_turns(2, ((25.0, 7), (10.0, 50), (5.0, 60)), (5.0, 1.2, 25.0))]),
+    one_in(8, [(*link, deg) for link, deg in in_turns(2, ((25.0, 7), (10.0, 50), (5.0, 60)), (5.0, 1.2, 25.0))]),
 )
 def test_a_yaw_offset_is_found_beside_a_pitch_trim(hz: float, apart_ms: int, deg: float) -> None:
     """And named, as where the stamps meet."""
@@ -219,7 +219,7 @@ def test_a_mistake_from_the_start_is_no_trim(fault: Any, cause: str, kind: int) 
     assert alarm["diagnosis"]["cause"] == cause
 
 
-@pytest.mark.parametrize("trim_deg", [(0.0, 0.0), (5.0, -3.0)])
+@pytest.mark.parametrize("trim_deg", one_in(2, [((0.0, 0.0),), ((5.0, -3.0),)]))
 def test_a_mount_offset_in_flight_is_no_trim(trim_deg: tuple[float, float]) -> None:
     """Whether a trim was fitted before or not."""
     craft = Apart(

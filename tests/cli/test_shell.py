@@ -341,6 +341,7 @@ def test_a_reader_that_goes_away_is_no_error(unbuffered: str) -> None:
         assert process.wait(30) == 141
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["text", "json"])
 def test_a_terminal_s_encoding_is_no_reason_to_fail(form: str) -> None:
     """The result is UTF-8 even where Python would write ASCII, undecodable file names included."""
@@ -350,6 +351,7 @@ def test_a_terminal_s_encoding_is_no_reason_to_fail(form: str) -> None:
     assert "flight ° " in shown.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full device")
 def test_a_full_disk_behind_stdout_is_told() -> None:
     """A result that cannot be written is exit 2 and one line, not silence."""

@@ -17,6 +17,7 @@ from urllib.parse import unquote
 import pytest
 
 from gcs_bridge.cli import main
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES, ROOT
 from tests.helpers.surveyed import rows
 
@@ -163,7 +164,7 @@ def journalled(out: Path) -> int:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL")
-@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("sign", one_in(3, [signal.SIGKILL, signal.SIGINT, signal.SIGTERM]))
 def test_ended_half_way(sign: signal.Signals, tmp_path: Path, survey: Any) -> None:
     """Gone on with, nothing is judged twice; nobody prints a traceback."""
     fleet, out, most = tmp_path / "logs", tmp_path / "out", 80  # enough that some are left, however late it is ended

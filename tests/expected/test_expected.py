@@ -277,7 +277,7 @@ def test_what_was_told_is_undone(name: str, sysid: int, causes: list[str], value
     assert seen.explanations == [explained(*one, estimated=False) for one in zip(causes, values, strict=True)]
 
 
-@pytest.mark.parametrize("nth", [1, 3, 6])
+@pytest.mark.parametrize("nth", one_in(3, [1, 3, 6], swept=False))
 @pytest.mark.parametrize(("name", "sysid", "causes", "values"), one_in(4, TOLD + UNTOLD))
 def test_what_was_not_told_is_fitted(name: str, sysid: int, causes: list[str], values: list[Any], nth: int) -> None:
     """Without parameters, at 25 to 4 Hz, the numbers are found before anything could be alarming, and are right."""
@@ -332,7 +332,7 @@ def test_nothing_is_undone_where_nothing_was_done(name: str, sysid: int) -> None
 # --- faults ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("share", "told"), [(0.0, False), (0.5, True), (0.5, False)])
+@pytest.mark.parametrize(("share", "told"), one_in(3, [(0.0, False), (0.5, True), (0.5, False)], swept=False))
 @pytest.mark.parametrize(
     ("fault", "value"),
     one_in(

@@ -66,6 +66,7 @@ def test_a_step_is_told_once_and_a_nudge_not(clock: SetClock) -> None:
         assert watched.step_us() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step_s", one_in(3, (HOUR_S, -5.0, -HOUR_S)))
 def test_nothing_is_lost_and_the_alarms_are_right(
     step_s: float, clock: SetClock, sender: tuple[NetworkUri, socket.socket], tmp_path: Path

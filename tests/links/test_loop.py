@@ -359,6 +359,7 @@ def test_where_judging_costs_much_it_is_done_less_often() -> None:
     assert len(monitor.batches) < lasts_s / 0.007 + 2
 
 
+@pytest.mark.slow
 def test_a_fast_link_beside_a_slow_one() -> None:
     """However much comes on one, the other is asked with each batch: no flood makes it wait for two."""
     (fast, fast_uri), (slow, slow_uri) = udp_link(), udp_link()

@@ -180,6 +180,7 @@ def test_at_one_address_alone(loop: Loop) -> None:
         socket.create_connection(("127.0.0.2", int(loop.server.url.rpartition(":")[2].partition("/")[0])))
 
 
+@pytest.mark.slow
 def test_a_closed_port_is_free_again(loop: Loop) -> None:
     """At once, also behind somebody who had read."""
     scraped(loop.server.url)

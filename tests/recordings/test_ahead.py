@@ -60,6 +60,7 @@ def test_who_stops_early_leaves_no_thread_at_work() -> None:
     assert made.asked <= 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("piece", one_in(3, [701, 10_007, 10**9]))
 def test_a_damaged_recording_is_judged_alike_in_two_threads_and_in_one(
     piece: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

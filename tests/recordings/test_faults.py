@@ -105,7 +105,7 @@ def disagreement(data: bytes) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize("fault", one_in(3, ["quaternion_xyzw", "quaternion_conjugate", "yaw_offset:25"]))
-@pytest.mark.parametrize("name", one_in(2, FLIGHTS, swept=False))
+@pytest.mark.parametrize("name", one_in(2, FLIGHTS[::-1], swept=False))
 def test_one_alarm_in_time(name: str, fault: str) -> None:
     """A fault from second 12 on raises exactly one alarm of the two forms, within 1.5 s of vehicle time of where SciPy
     sees it, with its cause; nothing else comes before it.
@@ -172,7 +172,7 @@ UNTURNED = {"quaternion_unnormalised", "euler_rates"}
 CAUSE_NAMES = [c.name for c in CAUSES.values() if c.falsify is not None and c.name not in UNTURNED]
 
 
-@pytest.mark.parametrize("cause", one_in(8, CAUSE_NAMES))
+@pytest.mark.parametrize("cause", one_in(12, CAUSE_NAMES))
 def test_every_cause_raises_an_alarm_in_acro(cause: str) -> None:
     """In acro every mistake of the table shows, and gets its name: an alarm behind its onset and none before."""
     vehicle = judged(falsified("b_copter_acro", cause, from_s=20.0))[1]
@@ -298,7 +298,7 @@ def apart(name: str, every: int) -> bytes:
 
 
 @pytest.mark.parametrize("every", one_in(4, [2, 4, 12, 25]))
-@pytest.mark.parametrize("name", [*FLIGHTS, "b2_mixed_rates", "k12_yaw_reset"])
+@pytest.mark.parametrize("name", one_in(2, [*FLIGHTS, "b2_mixed_rates", "k12_yaw_reset"], swept=False))
 def test_forms_that_never_meet(name: str, every: int) -> None:
     """Where the two never share an instant, down to 1 or 2 Hz in acro, what interpolation cannot know is no alarm."""
     vehicle = judged(apart(name, every))[1]
@@ -314,7 +314,7 @@ def test_nothing_is_interpolated_across_a_reset() -> None:
     assert check["residual"]["max"] < 0.1
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", one_in(3, range(6)))
 def test_loss_at_random(seed: int) -> None:
     """Wherever 20 % of the messages are lost, in acro and in both streams, there is no alarm."""
     vehicle = judged(falsified("b_copter_acro", "loss:0.2", seed=seed))[1]

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.helpers.everyday import one_in
 from tests.helpers.flying import GroundStation
 from tests.helpers.live_links import PROGRAM, Process, fixture, free_port
 from tests.helpers.multicast import GROUP, Group, multicast_works
@@ -113,7 +114,7 @@ def flown(program: list[str], *options: str) -> Iterator[tuple[Peers, bytes]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("relay", [False, True])
+@pytest.mark.parametrize("relay", one_in(2, [False, True]))
 def test_no_peer_receives_a_byte(relay: bool) -> None:
     """Of any link, from its opening to its end; a relay alone sends to its station, and nothing to the links."""
     with GroundStation() as station:

@@ -91,6 +91,7 @@ def test_a_vehicle_that_is_busy_is_asked_again() -> None:
     assert run.said[0] == "1,1: ATTITUDE at 20 Hz: temporarily rejected"
 
 
+@pytest.mark.slow
 def test_no_answer() -> None:
     """Three times each, and then it is said what may be the reason, and left alone."""
     run = Run(Autopilot(answers=False)).go_on(300)
@@ -111,7 +112,7 @@ def test_an_answer_that_was_lost() -> None:
 
 @pytest.mark.parametrize(
     ("to_hz", "tells_intervals", "knows_none"),
-    one_in(2, [(to_hz, *knows) for to_hz in (4.0, 0.0) for knows in ((True, False), (False, False), (True, True))]),
+    one_in(4, [(to_hz, *knows) for to_hz in (4.0, 0.0) for knows in ((True, False), (False, False), (True, True))]),
 )
 def test_another_station_undoes_it(to_hz: float, tells_intervals: bool, knows_none: bool) -> None:
     """As MAVProxy does with 4 Hz: it is asked again, within seconds, and said; by the vehicle's word where it tells."""

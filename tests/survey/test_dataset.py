@@ -87,6 +87,7 @@ def test_killed_and_gone_on_with(
     assert sorted(judged) == sorted(row["path"] for row in rows(left, "recordings"))
 
 
+@pytest.mark.slow
 def test_killed_in_the_middle_of_a_line(flights: Path, tmp_path: Path, judged: list[str]) -> None:
     """What was written half is judged anew, and nothing else is."""
     out = tmp_path / "out"
@@ -167,6 +168,7 @@ def test_two_copies_in_one_survey(tmp_path: Path) -> None:
     assert len(rows(tmp_path / "out", "recordings")) == 1
 
 
+@pytest.mark.slow
 def test_other_settings_judge_anew(flights: Path, tmp_path: Path, judged: list[str]) -> None:
     """What they judged is kept beside it, and is there again when they are asked for again."""
     out, one = tmp_path / "out", sorted(flights.iterdir())[:1]
@@ -200,6 +202,7 @@ def test_what_is_packed(tmp_path: Path, judged: list[str]) -> None:
     assert len(judged) == 3
 
 
+@pytest.mark.slow
 def test_one_of_an_archive(tmp_path: Path) -> None:
     """What is named of it is judged; the rest is not known by that."""
     with zipfile.ZipFile(tmp_path / "two.zip", "w") as archive:

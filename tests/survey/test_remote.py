@@ -79,6 +79,7 @@ def test_over_http(web: str, tmp_path: Path, asked_for: list[str]) -> None:
     assert not [line for line in asked_for if line.startswith("GET") and line.endswith((".tlog", ".zip"))]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_read_over_http(web: str, tmp_path: Path) -> None:
     """One line each, and nothing else is lost."""
     with socket.socket() as silent:  # it has a port, and listens to nobody

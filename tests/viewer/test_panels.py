@@ -76,6 +76,7 @@ def test_a_bar_marks_where_roll_and_yaw_mean_little(tmp_path: Path) -> None:
         assert boot_us[0] == 1_600_000
 
 
+@pytest.mark.slow
 def test_a_hundredth_and_ninety_degrees_are_read_on_one_scale(tmp_path: Path) -> None:
     """Powers of ten of degrees: 0.01° is −2, 90° is 1.954, the limit of 0.52° −0.284, nothing −4."""
     for apart_deg, power in ((0.01, -2.0), (90.0, np.log10(90.0))):
@@ -190,6 +191,7 @@ def test_an_alarm_is_told_whole(tmp_path: Path) -> None:
     assert fix in whole
 
 
+@pytest.mark.slow
 def test_how_the_streams_arrive_is_counted_by_the_second(tmp_path: Path) -> None:
     """25 Hz, but no quaternion from 3.0 s to 3.6 s: then 10 in that second, and 0.64 s from one to the next."""
     records = [
@@ -227,6 +229,7 @@ def test_rates_stand_beside_the_gyros(tmp_path: Path) -> None:
     assert rates[-1] == pytest.approx([0, 0, 12, 0, 0, 10], abs=1e-4)
 
 
+@pytest.mark.slow
 def test_after_a_reboot_the_lanes_tell_what_is_judged(tmp_path: Path) -> None:
     """The second boot's first pair comes before the news of the reboot: it is judged and agrees all the same."""
     recording, _ = drawn((FIXTURES / "f_reboot.tlog").read_bytes(), tmp_path / "a.rrd")

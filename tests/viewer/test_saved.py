@@ -91,6 +91,7 @@ def test_a_saved_recording_passes_reruns_own_check(acro: Path) -> None:
     assert [path.name for path in acro.parent.iterdir()] == ["acro.rrd"]
 
 
+@pytest.mark.slow
 def test_the_disagreement_of_a_turned_quaternion_is_drawn_with_its_limit(tmp_path: Path) -> None:
     """Yaw 25° against yaw 0°: angle and heading 25°, tilt 0°, limit 0.52° at one instant; then an alarm, red."""
     turned = wire.wxyz(Rotation.from_euler("Z", 25, degrees=True))
@@ -141,6 +142,7 @@ def test_the_motion_is_drawn_with_units_and_bounds(tmp_path: Path) -> None:
     assert np.isnan(displacement[20]).all()
 
 
+@pytest.mark.slow
 def test_down_by_the_accelerometer_is_drawn_in_the_world(tmp_path: Path) -> None:
     """A level vehicle with its nose east feels as much force to its left as upwards: its down seems 45° to the south.
 

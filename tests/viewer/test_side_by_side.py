@@ -129,6 +129,7 @@ def test_streams_without_times_start_at_zero_too(tmp_path: Path, capsys: pytest.
     assert "no record times, so --align utc" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_recording_without_an_alarm_cannot_be_aligned_at_one(
     flights: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -118,6 +118,7 @@ def test_a_real_flight_lies_where_its_messages_say(tmp_path: Path) -> None:
     assert ends[-1] == pytest.approx(np.array([globally[-1], (*globally[-1][:2], 0.0)]), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_nose_points_where_it_did(tmp_path: Path) -> None:
     """Flying north with its nose to the east, it stands so at each place."""
     recording, found = places(flight(lambda ms: [global_position(ms, north_of_zurich(ms))]), tmp_path / "a.rrd")
@@ -194,6 +195,7 @@ def test_the_best_message_is_followed(tmp_path: Path) -> None:
     assert found[-1] == pytest.approx((7, 7, 7))
 
 
+@pytest.mark.slow
 def test_vehicles_near_to_each_other_share_a_world(tmp_path: Path) -> None:
     """A second vehicle 300 m to the east stands 300 m to the east; one in Canberra has a world of its own."""
     east = ZURICH[1] + 300 / (A_DEGREE_M * math.cos(math.radians(ZURICH[0])))
