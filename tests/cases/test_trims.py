@@ -163,6 +163,7 @@ def test_few_stamps_that_meet_are_enough_to_be_exact() -> None:
     assert explained(vehicle) == [("ahrs_trim", pytest.approx([5.0, -3.0], abs=VALUE_DEG), True, [])]
 
 
+@pytest.mark.sweep
 def test_it_does_not_matter_how_the_bytes_are_cut() -> None:
     """A batch of one message and one of all give the same events and the same report."""
     data = wire.tlog(Apart(motion=weaving(), hz=10.0, ahrs_trim_deg=(5.0, -3.0), fault=yawed(6.0, 25.0)).records(35))

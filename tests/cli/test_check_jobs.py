@@ -50,6 +50,7 @@ def test_report_and_events_are_the_same(logs: Path, capfd: pytest.CaptureFixture
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_all_outputs_are_the_same(logs: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Each format, pages and evidence, with a baseline that knows some of the alarms."""
     baseline = tmp_path / "before.json"

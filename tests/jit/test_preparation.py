@@ -90,6 +90,7 @@ def test_the_first_run_says_so_and_the_next_is_silent_and_needs_no_numba(package
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_two_first_runs_at_once_share_the_work_and_a_later_one_finds_all_of_it(package: str) -> None:
     """Each kernel is compiled by one of four processes: two runs, and the helpers that each of them starts."""
     both = [started(package), started(package)]

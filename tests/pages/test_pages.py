@@ -21,6 +21,7 @@ from gcs_bridge.pages.page import overview, page
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from tests.helpers import wire
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES
 from tests.helpers.report_entries import ALARM, DIAGNOSIS, file, vehicle
 from tests.helpers.viewer_tools import has_browser
@@ -159,7 +160,7 @@ def test_the_moment_is_drawn_as_it_was() -> None:
 
 @pytest.mark.slow
 @has_browser
-@pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1440, "dark")])
+@pytest.mark.parametrize(("width", "scheme"), one_in(2, [(390, "light"), (1440, "dark")]))
 def test_a_browser_draws_it_and_asks_nobody(faulty: Path, width: int, scheme: Any, tmp_path: Path) -> None:
     """No error of the script, no request but for the page, four plots that are not blank, and no sideways scroll."""
     from playwright.sync_api import sync_playwright

@@ -150,7 +150,7 @@ def test_a_fault_that_ends_clears_its_alarm(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("thinned", [("thin:ATTITUDE=10",), ("thin:ATTITUDE=10", "thin:ATTITUDE_QUATERNION=4")])
-@pytest.mark.parametrize("name", FLIGHTS)
+@pytest.mark.parametrize("name", one_in(2, FLIGHTS))
 def test_in_time_at_common_rates(name: str, thinned: Sequence[str]) -> None:
     """At the rates that most users have, 10 and 4 Hz, 25° of yaw is one alarm too, within a second and four periods."""
     data = falsified(name, *thinned, "yaw_offset:25", from_s=12.0)

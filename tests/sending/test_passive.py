@@ -127,7 +127,7 @@ def test_no_peer_receives_a_byte(relay: bool) -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="strace is a program of Linux")
-@pytest.mark.parametrize("options", [(), ("--act-as-gcs",)])
+@pytest.mark.parametrize("options", one_in(2, [(("--act-as-gcs",),), ((),)]))
 def test_the_system_was_asked_to_send_nothing(options: tuple[str, ...], tmp_path: Path) -> None:
     """No call that could write names a link's socket or device, in any thread or child; where it may, it is seen."""
     if not _can_trace():

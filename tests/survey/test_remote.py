@@ -140,6 +140,7 @@ def s3(files: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_over_s3(s3: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All below a prefix; known again by their ETags; without credentials it is told what to do."""
     import s3fs

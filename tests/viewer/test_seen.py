@@ -243,6 +243,7 @@ class Flight:
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 @can_draw
 def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: int) -> None:
     """Once the server's history is full, a flight adds nothing: nobody looking, and after who looked died."""

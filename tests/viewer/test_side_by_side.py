@@ -205,7 +205,7 @@ def opened_at(path: Path) -> tuple[str, float]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("at", ["alarm", "1.1-euler_quaternion-0-1"])
+@pytest.mark.parametrize("at", one_in(2, ["alarm", "1.1-euler_quaternion-0-1"]))
 def test_it_opens_around_the_alarm(at: str, flights: dict[str, Path], tmp_path: Path) -> None:
     """Of several the first file's in which there is one; on the common timeline."""
     path = tmp_path / "a.rrd"
