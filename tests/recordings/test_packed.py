@@ -74,7 +74,7 @@ def zipped(**members: bytes) -> bytes:
 
 
 def layered(times: int) -> bytes:
-    data = DATA
+    data = DATA[:1000]
     for _ in range(times):
         data = gzip.compress(data, 1)
     return data
