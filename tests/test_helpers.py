@@ -2,17 +2,21 @@
 
 import math
 from collections.abc import Callable
+from contextlib import closing
+from itertools import count
 from typing import Any
 
 import hypothesis
 import numpy as np
 import pytest
+from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
 
 from tests.helpers import craft, wire
 from tests.helpers.craft import State
 from tests.helpers.everyday import ALL_CASES, one_in, searched
+from tests.helpers.paths import FIXTURES
 from tests.helpers.turn import Turn
 
 
@@ -119,3 +123,21 @@ def test_of_a_family_some_are_for_every_day() -> None:
         marks = [{mark.name for mark in case.marks} for case in one_in(3, range(7), swept=swept)]
         assert marks == [set(), rest, rest, set(), rest, rest, set()]
     assert [case.values for case in one_in(2, [(1, "a"), (2, "b")])] == [(1, "a"), (2, "b")]
+
+
+@pytest.mark.parametrize("name", ["c_copter_4hz", "g_mavlink1", "g_signed"])
+def test_messages_are_those_that_pymavlink_reads(name: str) -> None:
+    """Of the names asked for, in order, with their record times and their numbers among all."""
+    names = ("HEARTBEAT", "ATTITUDE")
+    expected = []
+    with closing(mavutil.mavlink_connection(str(FIXTURES / f"{name}.tlog"), dialect="all")) as log:
+        for number in count():
+            if (message := log.recv_msg()) is None:
+                break
+            if message.get_type() in names:
+                expected.append((number, round(message._timestamp * 1e6), message.to_dict()))
+    found = wire.messages((FIXTURES / f"{name}.tlog").read_bytes(), *names)
+    read = [(number, t_us, message.to_dict()) for number, t_us, message in found]
+    assert [one[0::2] for one in read] == [one[0::2] for one in expected]
+    assert [one[1] for one in read] == pytest.approx([one[1] for one in expected], abs=1)
+    assert len(read) > 100

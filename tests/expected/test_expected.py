@@ -12,13 +12,13 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 import pytest
-from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
 from gcs_bridge.diagnosis.causes import CAUSES
 from gcs_bridge.expected import AHRS_TRIM, PITCH_TRIM, VTOL_VIEW, Expected
 from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
+from tests.helpers import wire
 from tests.helpers.everyday import in_turns, one_in
 from tests.helpers.paths import FIXTURES
 
@@ -112,12 +112,11 @@ def samples(
 @cache
 def recorded(name: str, sysid: int = 1) -> Flight:
     """A bundled recording, as pymavlink reads it."""
-    link = mavutil.mavlink_connection(str(FIXTURES / f"{name}.tlog"), dialect="all")
+    data = (FIXTURES / f"{name}.tlog").read_bytes()
     euler: list[list[float]] = []
     quaternion: list[list[float]] = []
-    news, frame_index = News(), 0
-    while (message := link.recv_msg()) is not None:
-        frame_index += 1
+    news = News()
+    for frame_index, _, message in wire.messages(data, "ATTITUDE", "ATTITUDE_QUATERNION", "PARAM_VALUE", "HEARTBEAT"):
         if (message.get_srcSystem(), message.get_srcComponent()) != (sysid, 1):
             continue
         kind = message.get_type()
@@ -131,7 +130,6 @@ def recorded(name: str, sysid: int = 1) -> Flight:
         elif kind == "HEARTBEAT":
             autopilot, type_ = AUTOPILOTS[message.autopilot], TYPES[message.type]
             news.append(ModeSet(frame_index, autopilot, type_, message.custom_mode, armed=True))
-    link.close()
     e, q = np.array(euler), np.array(quaternion)
     rpy = np.ascontiguousarray(e[:, 2:5])
     return Flight(

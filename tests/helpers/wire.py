@@ -204,3 +204,15 @@ def records(data: bytes) -> Iterator[tuple[int, bytes]]:
         stop = start + overhead + data[start + 1]
         yield struct.unpack(">Q", data[at:start])[0], data[start:stop]
         at = stop
+
+
+def messages(data: bytes, *names: str) -> Iterator[tuple[int, int, Any]]:
+    """(number of the record, record time, pymavlink's message) of an undamaged recording, of these names alone.
+
+    The others are not decoded: that takes most of the time.
+    """
+    wanted = {getattr(mavlink, f"MAVLINK_MSG_ID_{name}") for name in names}
+    parser = mavlink.MAVLink(None)
+    for number, (t_us, frame) in enumerate(records(data)):
+        if (frame[5] if frame[0] == 0xFE else int.from_bytes(frame[7:10], "little")) in wanted:
+            yield number, t_us, parser.decode(bytearray(frame))

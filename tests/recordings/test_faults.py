@@ -71,10 +71,9 @@ def of_the_two_forms(vehicle: Json) -> list[Json]:
 def messages(data: bytes) -> Iterator[tuple[int, bytes, Any]]:
     """(record time, frame, pymavlink's message), the message None but for the two attitudes."""
     parser = mavlink.MAVLink(None)
-    parser.robust_parsing = True
     for t_us, frame in records(data):
         compared = frame[0] == 0xFD and frame[7:10] in (b"\x1e\0\0", b"\x1f\0\0")
-        yield t_us, frame, parser.parse_buffer(frame)[0] if compared else None
+        yield t_us, frame, parser.decode(bytearray(frame)) if compared else None
 
 
 def rewritten(data: bytes, change: Callable[[Any], bytes | None]) -> bytes:
