@@ -123,7 +123,7 @@ def test_one_alarm_in_time(name: str, fault: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FLIGHTS)
+@pytest.mark.parametrize("name", one_in(2, FLIGHTS))
 def test_a_yaw_error_is_told_as_heading(name: str) -> None:
     """25° of yaw is 25° of heading and no tilt, in acro at 89.85° of pitch as well: never roll or pitch."""
     _, _, vehicle = faulty_from_12_s(name, "yaw_offset:25")
@@ -137,7 +137,7 @@ def test_a_yaw_error_is_told_as_heading(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FLIGHTS)
+@pytest.mark.parametrize("name", one_in(2, FLIGHTS))
 def test_a_fault_that_ends_clears_its_alarm(name: str) -> None:
     """The same yaw error from second 12 to 20 raises one alarm, cleared two to three seconds after its last pair."""
     data = falsified(name, "yaw_offset:25", from_s=12.0, to_s=20.0)
