@@ -125,7 +125,7 @@ def test_of_a_family_some_are_for_every_day() -> None:
     assert [case.values for case in one_in(2, [(1, "a"), (2, "b")])] == [(1, "a"), (2, "b")]
 
 
-@pytest.mark.parametrize("name", ["c_copter_4hz", "g_mavlink1", "g_signed"])
+@pytest.mark.parametrize("name", ["g_mavlink1", "g_signed"])
 def test_messages_are_those_that_pymavlink_reads(name: str) -> None:
     """Of the names asked for, in order, with their record times and their numbers among all."""
     names = ("HEARTBEAT", "ATTITUDE")

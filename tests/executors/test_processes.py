@@ -44,6 +44,7 @@ def wait_until_gone(pid: int) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_costs_its_task_alone() -> None:
     """All others are done, and it is told how the process ended."""
     with Processes(2) as processes:

@@ -144,6 +144,7 @@ def test_nothing_yet() -> None:
 # --- counters --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_counters_never_go_back() -> None:
     """Late frames, a lost vehicle that returns, a link that closes and opens, a restart, damage: all only count on."""
     run = Run()

@@ -68,6 +68,7 @@ def test_a_tcp_link_that_returns_may_still_send() -> None:
                 assert second.recv(99) == b"two"
 
 
+@pytest.mark.slow
 def test_a_tcp_server_sends_to_the_client_that_is_there() -> None:
     """Before one comes, and between two, there is nobody."""
     port = free_port(socket.SOCK_STREAM)

@@ -112,7 +112,7 @@ def test_an_answer_that_was_lost() -> None:
 
 @pytest.mark.parametrize(
     ("to_hz", "tells_intervals", "knows_none"),
-    one_in(4, [(to_hz, *knows) for to_hz in (4.0, 0.0) for knows in ((True, False), (False, False), (True, True))]),
+    one_in(6, [(to_hz, *knows) for to_hz in (4.0, 0.0) for knows in ((True, False), (False, False), (True, True))]),
 )
 def test_another_station_undoes_it(to_hz: float, tells_intervals: bool, knows_none: bool) -> None:
     """As MAVProxy does with 4 Hz: it is asked again, within seconds, and said; by the vehicle's word where it tells."""

@@ -177,6 +177,7 @@ def test_a_trim_is_no_ghost_once_it_is_explained(tmp_path: Path) -> None:
     assert (recording.rows(f"{BODY}/apart", CLEAR)[0] < solid_us[5]).tolist() == [True]
 
 
+@pytest.mark.slow
 def test_a_mistake_that_cannot_be_undone_has_no_corrected_triad(tmp_path: Path) -> None:
     """What was lost does not come back: of a frozen quaternion there is a ghost, and nothing falls onto it."""
     recording, events = drawn(flown("frozen_quaternion"), tmp_path / "a.rrd")

@@ -113,6 +113,7 @@ def test_by_receive_time_nothing_is_moved(flights: dict[str, Path], tmp_path: Pa
     assert replayed(flights, tmp_path, "--align", "utc").timelines() == {"boot", "utc"}
 
 
+@pytest.mark.slow
 def test_streams_without_times_start_at_zero_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By their boot clocks; but they have no place among receive times."""
     files = {}

@@ -162,6 +162,7 @@ def test_what_cannot_be_is_left_out(bad: Callable[[int], bytes], tmp_path: Path)
     assert np.ptp(found, axis=0) == pytest.approx((199, 0, 0), abs=1.5)
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_is_elsewhere_from_now_on_leaves_no_line(tmp_path: Path) -> None:
     """Moved by 5 km and staying there: it is drawn there, in the same world, and nothing leads there."""
 
