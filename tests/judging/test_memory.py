@@ -36,7 +36,6 @@ print(resident_mb() - before, sum(len(file.vehicles) for file in monitor.close()
 
 
 @pytest.mark.slow
-@pytest.mark.sweep
 def test_500_components_that_send_heartbeats_and_one_attitude() -> None:
     """They take less than 60 MB more than one does, and each is in the report."""
     shown = subprocess.run([sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, check=True)

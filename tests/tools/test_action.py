@@ -147,7 +147,6 @@ def test_a_token_that_may_not_comment_changes_no_verdict(faulty: Path) -> None:
     assert run(faulty, refused=True, recordings="logs", comment="true").code == 1
 
 
-@pytest.mark.sweep
 def test_only_what_is_new_fails(faulty: Path) -> None:
     """The report of one run is the baseline of the next."""
     assert run(faulty, recordings="logs").code == 1
