@@ -69,6 +69,7 @@ def test_all_outputs_are_the_same(logs: Path, tmp_path: Path, capfd: pytest.Capt
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_a_process_that_dies_costs_its_recording(
     logs: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -275,6 +275,7 @@ def test_a_new_boot_begins_with_nothing_shown(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_however_the_bytes_are_cut_the_same_is_drawn(tmp_path: Path) -> None:
     """Ghost, arc, corrected triad and what is cleared: of a fault that comes and goes, whole and in 100 pieces."""
     data = flown("yaw_offset:25", until_s=14.0)

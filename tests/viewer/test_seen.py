@@ -327,6 +327,7 @@ def still(rpy_deg: tuple[float, float, float], from_s: int, seconds: int) -> lis
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 @can_draw
 @has_browser
 def test_the_page_shows_the_attitudes_in_a_browser_and_asks_no_other_machine() -> None:

@@ -219,6 +219,7 @@ def renumbered(frame: bytes, sysid: int) -> bytes:
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_how_it_was_cut_does_not_matter(tmp_path: Path) -> None:
     """Whole or in 57 pieces: the same places, attitudes and trail."""
     data = (FIXTURES / "c_copter_4hz.tlog").read_bytes()
