@@ -32,11 +32,15 @@ _WAITING = ("tests/cli/test_listen.py", "tests/jit/", "tests/links/", "tests/sen
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Hypothesis tries the same cases in every run; new ones, by chance, where everything is run.
+    """Hypothesis tries the same cases in every run, a third of those that are tried where sweeps are.
 
-    By default a case that takes 0.2 s fails: on a busy machine each of them may.
+    New ones, by chance, where everything is run. By default a case that takes 0.2 s fails: on a busy machine each may.
     """
-    hypothesis.settings.register_profile("ours", deadline=None, derandomize=not config.getoption("--sweeps"))
+    from tests.helpers.everyday import ALL_CASES
+
+    everything: bool = config.getoption("--sweeps")
+    cases = ALL_CASES if everything or "sweep" in config.getoption("-m") else ALL_CASES // 3
+    hypothesis.settings.register_profile("ours", deadline=None, derandomize=not everything, max_examples=cases)
     hypothesis.settings.load_profile("ours")
 
 

@@ -21,6 +21,7 @@ def test_they_are_kept_without_what_they_show() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.sweep  # they need more than tests do: a step of .ci/run
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fault is found and named; what the last cell shows is the viewer, and it was given the scene."""

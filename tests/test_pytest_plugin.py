@@ -25,6 +25,7 @@ def test_a_flight_that_agrees_passes(pytester: pytest.Pytester) -> None:
     run(pytester, f"{str(FLIGHT)!r}, {str(FIXTURES / 'g_mavlink1.tlog')!r}").assert_outcomes(passed=1)
 
 
+@pytest.mark.slow
 def test_an_alarm_fails_with_the_report_and_a_baseline_lets_it_pass(pytester: pytest.Pytester) -> None:
     """The cause stands in what pytest prints, without a traceback of ours."""
     flight = pytester.path / "flight.tlog"

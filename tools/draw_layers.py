@@ -17,6 +17,7 @@ import textwrap
 import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 from pathlib import Path
 
@@ -135,6 +136,7 @@ def contracts() -> dict[str, dict[str, list[str]]]:
     return {contract["id"]: contract for contract in settings["tool"]["importlinter"]["contracts"]}
 
 
+@cache
 def rooms_by_layer() -> list[list[Room]]:
     """The layers from the top down, each with its packages and modules that exist."""
     rules = contracts()

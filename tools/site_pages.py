@@ -39,12 +39,19 @@ def _parsed(page: str) -> list[Token]:
     return MarkdownIt("commonmark").enable("table").parse((ROOT / page).read_text(encoding="utf-8"))
 
 
+@cache
+def _code(page: str) -> list[Token]:
+    """The page's blocks of code alone: what stands within its lines is not looked at, which takes half of the time."""
+    parser = MarkdownIt("commonmark").enable("table").disable("inline")
+    tokens = parser.parse((ROOT / page).read_text(encoding="utf-8"))
+    return [token for token in tokens if token.type in ("fence", "code_block")]
+
+
 def blocks(page: str, *languages: str) -> list[Block]:
     """The page's blocks of code in these languages, in all where none is named; what is only indented is a shell's."""
     found = [
         Block(token.info.split(" ")[0] if token.type == "fence" else "sh", token.content, (token.map or [0])[0] + 1)
-        for token in _parsed(page)
-        if token.type in ("fence", "code_block")
+        for token in _code(page)
     ]
     return [block for block in found if not languages or block.language in languages]
 

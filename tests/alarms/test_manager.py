@@ -8,7 +8,7 @@ from typing import Any
 from unittest import mock
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_bridge import Monitor, diagnosis
@@ -33,6 +33,7 @@ from tests.helpers.craft import (
     watched,
     with_norm,
 )
+from tests.helpers.everyday import searched
 
 Json = dict[str, Any]
 
@@ -442,7 +443,7 @@ def story(cuts: list[int]) -> tuple[list[Json], Json]:
 
 
 @pytest.mark.slow
-@settings(max_examples=8)
+@searched(8)
 @given(cuts=st.lists(st.integers(0, 10**6), max_size=60))
 def test_any_cutting_tells_the_same_story(cuts: list[int]) -> None:
     """In pieces of any size the events and the report are the same, to the last bit, with an alarm on the shelf."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_bridge.alarms.rated import Rated
@@ -24,6 +24,7 @@ from gcs_bridge.alarms.state import (
 )
 from gcs_bridge.settings import AlarmSettings
 from tests.helpers.alarms import Alarm
+from tests.helpers.everyday import searched
 
 LIMIT = 1.0
 RULES = AlarmSettings()
@@ -442,7 +443,7 @@ _stories = st.lists(
 
 
 @pytest.mark.slow
-@settings(max_examples=300, derandomize=True)
+@searched(300)
 @given(_stories, st.lists(st.integers(0, 200), max_size=10))
 def test_the_cut_into_batches_changes_nothing(parts: list[tuple[int, float, int]], cuts: list[int]) -> None:
     """Whole, in pieces, or sample by sample: the same changes at the same samples, with the same peaks."""
@@ -461,7 +462,7 @@ def test_the_cut_into_batches_changes_nothing(parts: list[tuple[int, float, int]
 
 
 @pytest.mark.slow
-@settings(max_examples=200, derandomize=True)
+@searched(200)
 @given(_stories)
 def test_states_follow_one_another_as_the_standard_has_them(parts: list[tuple[int, float, int]]) -> None:
     """Never raised unless it was pending, nor gone unless it was clearing, never before its delay, and gone it stays

@@ -4,17 +4,18 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from gcs_bridge import attitude
 from tests.helpers.attitude_cases import Array, turn_between
+from tests.helpers.everyday import searched
 
 
 def law(*strategies: st.SearchStrategy[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Search the same sixty examples on every run, however slow the machine is."""
-    search = settings(max_examples=60, derandomize=True, database=None)
+    """Search for one in sixty cases, where sweeps are run."""
+    search = searched(60)
     return lambda test: search(given(*strategies)(test))
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -31,6 +31,7 @@ from tests.helpers.craft import (
     velocity,
     with_norm,
 )
+from tests.helpers.everyday import searched
 from tests.helpers.wire import PX4, tlog
 
 Array = NDArray[np.float64]
@@ -181,7 +182,7 @@ def columns(cuts: Sequence[int]) -> list[bytes]:
 
 
 @pytest.mark.slow
-@settings(max_examples=25)
+@searched(25)
 @given(cuts=st.lists(st.integers(0, SIZE), max_size=60))
 def test_any_cutting_hands_on_the_same(cuts: list[int]) -> None:
     """Attitudes, inertial samples, their mapped times and where it may rest are the same bits, however it is cut."""

@@ -133,6 +133,7 @@ def test_roll_at_sixty_degrees_of_pitch_names_the_body_axis() -> None:
     assert alarm["heading"] == pytest.approx(-5.2, abs=0.01)  # 6° times −sin 60°
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pitch", one_in(3, [0, 60, 89]))
 def test_yaw_is_never_roll(pitch: float) -> None:
     """6° about the world's down is heading and no tilt at any pitch, though at 89° it lies along body x."""

@@ -5,10 +5,11 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_bridge.checks.quantiles import Quantiles
+from tests.helpers.everyday import searched
 
 
 def nearest_rank(values: np.ndarray, share: float) -> float:
@@ -65,7 +66,7 @@ def test_a_summary_in_another_unit_is_scaled() -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=100, derandomize=True)
+@searched(100)
 @given(
     st.lists(st.floats(0, 1e4, allow_nan=False) | st.just(math.nan), max_size=50),
     st.lists(st.integers(0, 50), max_size=8),

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
 from tests.helpers import wire
 from tests.helpers.craft import (
@@ -12,8 +13,6 @@ from tests.helpers.craft import (
     Craft,
     State,
     alarms,
-    attitude,
-    attitude_quaternion,
     between,
     check,
     judged,
@@ -58,12 +57,10 @@ def test_no_numbers_for_three_seconds(message: str, number: float) -> None:
     def broken(t_s: float, state: State) -> Any:
         ms = round(1000 * (BOOT_S + t_s))
         if message == "ATTITUDE":
-            sent = attitude(ms, state)
-            sent.pitch = number
-        else:
-            sent = attitude_quaternion(ms, state)
-            sent.q3 = number
-        return sent
+            roll, _, yaw = state.rotation.rpy_rad()
+            return mavlink.MAVLink_attitude_message(ms, roll, number, yaw, *state.rates)
+        w, x, _, z = state.rotation
+        return mavlink.MAVLink_attitude_quaternion_message(ms, w, x, number, z, *state.rates)
 
     (alarm,) = alarms(judged(falsified(message, between(4, 7, broken)), 15))
     assert (alarm["check"], alarm["severity"]) == ("stream", "alarm")

@@ -97,7 +97,7 @@ def written(rotation: Rotation, form: str) -> str:
 @pytest.mark.parametrize(
     "form",
     one_in(
-        2,
+        4,
         [
             *("quaternion", "quaternion-xyzw", "matrix", "rotvec-deg", "rotvec", "rotvec-rad"),
             *("axis-angle-deg", "axis-angle-rad", "euler-deg", "euler-rad"),
@@ -128,16 +128,20 @@ def test_every_form_in_every_frame_is_scipys(form: str, frame: str, typed: Any) 
 
 @pytest.mark.parametrize(
     ("line", "expected_deg"),
-    [
-        # Rolled right by 10°, nose up by 20°, heading 30°: in ROS the nose up is negative and 30° of heading 60°.
-        ("--rpy-deg 10 20 30", (10, 20, 30)),
-        ("--rpy-rad 0.17453292519943295 0.3490658503988659 0.5235987755982988", (10, 20, 30)),
-        ("--rpy-deg 10 -20 60 --frame enu_flu", (10, 20, 30)),
-        ("--rpy-deg 10 20 30 --frame enu_rfu", (10, 20, 30)),
-        ("--rpy-deg 10 20 -170 --frame enu_flu", (10, -20, -100)),
-        ("--euler-deg ZYX 30 20 10", (10, 20, 30)),
-        ("--euler-deg xyz 10 20 30", (10, 20, 30)),
-    ],
+    one_in(
+        3,
+        [
+            # Rolled right by 10°, nose up by 20°, heading 30°: in ROS the nose up is negative and 30° of heading 60°.
+            ("--rpy-deg 10 20 30", (10, 20, 30)),
+            ("--rpy-rad 0.17453292519943295 0.3490658503988659 0.5235987755982988", (10, 20, 30)),
+            ("--rpy-deg 10 -20 60 --frame enu_flu", (10, 20, 30)),
+            ("--rpy-deg 10 20 30 --frame enu_rfu", (10, 20, 30)),
+            ("--rpy-deg 10 20 -170 --frame enu_flu", (10, -20, -100)),
+            ("--euler-deg ZYX 30 20 10", (10, 20, 30)),
+            ("--euler-deg xyz 10 20 30", (10, 20, 30)),
+        ],
+        swept=False,
+    ),
 )
 def test_roll_pitch_yaw_by_hand(line: str, expected_deg: tuple[float, ...], typed: Any) -> None:
     """The angles mean in each frame what its users mean, and one page shows all three readings."""
@@ -166,14 +170,23 @@ def test_the_matrix_is_the_product_of_its_turns(typed: Any) -> None:
 
 @pytest.mark.parametrize(
     ("rpy_deg", "nose", "right_wing", "belly"),
-    [
-        ("0 0 0", "north, level", "east, level", "straight down"),
-        ("0 0 90", "east, level", "south, level", "straight down"),
-        ("0 90 0", "straight up", "east, level", "north, level"),
-        ("90 0 0", "north, level", "straight down", "west, level"),
-        ("0 10 30", "30.0° right of north, 10.0° up", "30.0° right of east, level", "30.0° right of north, 80.0° down"),
-        ("180 0 -10", "10.0° left of north, level", "10.0° left of west, level", "straight up"),
-    ],
+    one_in(
+        3,
+        [
+            ("0 0 0", "north, level", "east, level", "straight down"),
+            ("0 0 90", "east, level", "south, level", "straight down"),
+            ("0 90 0", "straight up", "east, level", "north, level"),
+            ("90 0 0", "north, level", "straight down", "west, level"),
+            (
+                "0 10 30",
+                "30.0° right of north, 10.0° up",
+                "30.0° right of east, level",
+                "30.0° right of north, 80.0° down",
+            ),
+            ("180 0 -10", "10.0° left of north, level", "10.0° left of west, level", "straight up"),
+        ],
+        swept=False,
+    ),
 )
 def test_where_the_body_points(rpy_deg: str, nose: str, right_wing: str, belly: str, typed: Any) -> None:
     """Nose, right wing and belly in words, as one sees them from outside."""
@@ -208,7 +221,10 @@ def test_an_accelerometer_at_rest(typed: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("yaw", "heading"), [("-90", 270.0), ("359.9999999999999999", 0.0), ("-1e-14", 0.0), ("720", 0.0), ("-0.01", 0.0)]
+    ("yaw", "heading"),
+    one_in(
+        2, [("-90", 270.0), ("359.9999999999999999", 0.0), ("-1e-14", 0.0), ("720", 0.0), ("-0.01", 0.0)], swept=False
+    ),
 )
 def test_the_heading_is_below_360(yaw: str, heading: float, typed: Any) -> None:
     """A hair left of north is shown as 0.0, never as 360.0."""
@@ -258,15 +274,19 @@ def test_gimbal_lock_is_told(typed: Any) -> None:
 
 @pytest.mark.parametrize(
     ("line", "rpy_rate", "after"),
-    [
-        ("--rpy-deg 0 0 30 --rates-deg 0 0 10", (0, 0, 10), (0, 0, 40)),
-        # With the right wing down, a turn about the body's y is a turn to the right.
-        ("--rpy-deg 90 0 30 --rates-deg 0 10 0", (0, 0, 10), (90, 0, 40)),
-        # The same two in the axes of FLU and of RFU.
-        ("--rpy-deg 0 0 60 --frame enu_flu --rates-deg 0 0 -10", (0, 0, 10), (0, 0, 40)),
-        ("--rpy-deg 90 0 30 --frame enu_rfu --rates-deg 10 0 0", (0, 0, 10), (90, 0, 40)),
-        ("--rpy-deg 0 0 0 --frame enu_rfu --rates-deg -5 0 0", (0, -5, 0), (0, -5, 0)),
-    ],
+    one_in(
+        3,
+        [
+            ("--rpy-deg 0 0 30 --rates-deg 0 0 10", (0, 0, 10), (0, 0, 40)),
+            # With the right wing down, a turn about the body's y is a turn to the right.
+            ("--rpy-deg 90 0 30 --rates-deg 0 10 0", (0, 0, 10), (90, 0, 40)),
+            # The same two in the axes of FLU and of RFU.
+            ("--rpy-deg 0 0 60 --frame enu_flu --rates-deg 0 0 -10", (0, 0, 10), (0, 0, 40)),
+            ("--rpy-deg 90 0 30 --frame enu_rfu --rates-deg 10 0 0", (0, 0, 10), (90, 0, 40)),
+            ("--rpy-deg 0 0 0 --frame enu_rfu --rates-deg -5 0 0", (0, -5, 0), (0, -5, 0)),
+        ],
+        swept=False,
+    ),
 )
 def test_body_rates_by_hand(line: str, rpy_rate: tuple[float, ...], after: tuple[float, ...], typed: Any) -> None:
     """Rates in the body's own axes become those of the angles, and the attitude a second later."""
@@ -278,7 +298,7 @@ def test_body_rates_by_hand(line: str, rpy_rate: tuple[float, ...], after: tuple
     same_angles(rates["rpy_after_1_s_enu_flu_deg"], [after[0], -after[1], 90 - after[2]])
 
 
-@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("frame", one_in(3, FRAMES, swept=False))
 def test_rates_are_what_a_small_step_makes(frame: str, typed: Any) -> None:
     """In every frame, rates of angles and quaternion are those of SciPy's turn by a millionth of a second."""
     w_deg_s = np.array([30.0, -50.0, 20.0])
@@ -328,18 +348,27 @@ def test_an_accelerometers_reading(typed: Any) -> None:
 
 @pytest.mark.parametrize(
     ("cause", "rpy_deg", "angle_deg", "heading_deg"),
-    [
-        # Level, heading 30°: q = [cos 15°, 0, 0, sin 15°].
-        ("quaternion_conjugate", (0, 0, -30), 60, -60),
-        ("enu_flu", (0, 0, 60), 30, 30),
-        ("yaw_sign", (0, 0, -30), 60, -60),
-        ("enu_rfu", (0, 0, -30), 60, -60),
-        ("nwu_flu", (0, 0, -30), 60, -60),
-        # [0, 0, sin 15°, cos 15°]: half a turn about an axis in the plane of pitch and yaw, 15° from straight down.
-        ("quaternion_xyzw", (30, 0, 180), None, None),
-        ("body_flu", (180, 0, 30), 180, None),
-        ("euler_degrees", (0, 0, 30 * 180 / math.pi), (30 * 180 / math.pi - 30) % 360, (30 * 180 / math.pi - 30) % 360),
-    ],
+    one_in(
+        3,
+        [
+            # Level, heading 30°: q = [cos 15°, 0, 0, sin 15°].
+            ("quaternion_conjugate", (0, 0, -30), 60, -60),
+            ("enu_flu", (0, 0, 60), 30, 30),
+            ("yaw_sign", (0, 0, -30), 60, -60),
+            ("enu_rfu", (0, 0, -30), 60, -60),
+            ("nwu_flu", (0, 0, -30), 60, -60),
+            # [0, 0, sin 15°, cos 15°]: half a turn about an axis in the plane of pitch and yaw, 15° from straight down.
+            ("quaternion_xyzw", (30, 0, 180), None, None),
+            ("body_flu", (180, 0, 30), 180, None),
+            (
+                "euler_degrees",
+                (0, 0, 30 * 180 / math.pi),
+                (30 * 180 / math.pi - 30) % 360,
+                (30 * 180 / math.pi - 30) % 360,
+            ),
+        ],
+        swept=False,
+    ),
 )
 def test_a_near_miss_by_hand(
     cause: str, rpy_deg: tuple[float, ...], angle_deg: float | None, heading_deg: float | None, typed: Any
@@ -461,19 +490,23 @@ def test_fixes_are_told_when_asked(typed: Any) -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        ["--quaternion", "0.5", "-0.5", "0.5", "-0.5"],
-        ["0.5", "-0.5", "0.5", "-0.5", "--quaternion"],
-        ["--quaternion", "-.5", "+.5", "-5e-1", "500e-3"],
-        ["--quaternion", "[0.5, -0.5, 0.5, -0.5]"],
-        ["--quaternion", "(0.5,", "-0.5,", "0.5,", "-0.5)"],
-        ["--quaternion", "0.5,-0.5,0.5,-0.5"],
-        ["--quaternion", "np.array([ 0.5, -0.5,  0.5, -0.5])"],
-        ["--quaternion", "{0.5,−0.5,0.5,−0.5};"],
-        ["--quaternion", "--", "-0.5", "0.5", "-0.5", "0.5"],
-        ["--matrix", "[[0, 0, 1],\n [-1, 0, 0],\n [0, -1, 0]]"],
-        ["0", "0", "1", "-1", "0", "0", "0", "-1", "0"],
-    ],
+    one_in(
+        3,
+        [
+            ["--quaternion", "0.5", "-0.5", "0.5", "-0.5"],
+            ["0.5", "-0.5", "0.5", "-0.5", "--quaternion"],
+            ["--quaternion", "-.5", "+.5", "-5e-1", "500e-3"],
+            ["--quaternion", "[0.5, -0.5, 0.5, -0.5]"],
+            ["--quaternion", "(0.5,", "-0.5,", "0.5,", "-0.5)"],
+            ["--quaternion", "0.5,-0.5,0.5,-0.5"],
+            ["--quaternion", "np.array([ 0.5, -0.5,  0.5, -0.5])"],
+            ["--quaternion", "{0.5,−0.5,0.5,−0.5};"],
+            ["--quaternion", "--", "-0.5", "0.5", "-0.5", "0.5"],
+            ["--matrix", "[[0, 0, 1],\n [-1, 0, 0],\n [0, -1, 0]]"],
+            ["0", "0", "1", "-1", "0", "0", "0", "-1", "0"],
+        ],
+        swept=False,
+    ),
 )
 def test_numbers_as_they_are_pasted(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Negative numbers need no care, and brackets, commas and code around numbers may stay."""
@@ -484,21 +517,29 @@ def test_numbers_as_they_are_pasted(arguments: list[str], capsys: pytest.Capture
 
 @pytest.mark.parametrize(
     ("line", "note", "off"),
-    [
-        ("--quaternion 1 0 0 0", None, 0.0),
-        ("--quaternion 1.3 0 0 0", "the quaternion's norm is 1.3: it is divided out", 0.3),
-        ("--quaternion-xyzw 0 0 0 0.7", "the quaternion's norm is 0.7: it is divided out", 0.3),
-        ("--quaternion 0.70710678 0 0 0.70710678", None, 0.0),
-        ("--matrix 1 0 0 0 1 0 0 0 1", None, 0.0),
-        ("--matrix 1.02 0 0 0 1 0 0 0 1", "a unit vector up to 0.02 off a rotation: the nearest one is shown", 0.02),
-        ("--rpy-rad 0 0 30", "more than a whole turn: are these degrees?", None),
-        ("--rpy-rad 0 0 6.2", None, None),
-        ("--rpy-deg 0 0 30", None, None),
-        ("--rotvec -30 0 0", "are these degrees?", None),
-        ("--axis-angle-rad 30 0 0 1", None, None),
-        ("--axis-angle-rad 1 0 0 30", "are these degrees?", None),
-        ("--euler-rad ZYX 30 0 0", "are these degrees?", None),
-    ],
+    one_in(
+        3,
+        [
+            ("--quaternion 1 0 0 0", None, 0.0),
+            ("--quaternion 1.3 0 0 0", "the quaternion's norm is 1.3: it is divided out", 0.3),
+            ("--quaternion-xyzw 0 0 0 0.7", "the quaternion's norm is 0.7: it is divided out", 0.3),
+            ("--quaternion 0.70710678 0 0 0.70710678", None, 0.0),
+            ("--matrix 1 0 0 0 1 0 0 0 1", None, 0.0),
+            (
+                "--matrix 1.02 0 0 0 1 0 0 0 1",
+                "a unit vector up to 0.02 off a rotation: the nearest one is shown",
+                0.02,
+            ),
+            ("--rpy-rad 0 0 30", "more than a whole turn: are these degrees?", None),
+            ("--rpy-rad 0 0 6.2", None, None),
+            ("--rpy-deg 0 0 30", None, None),
+            ("--rotvec -30 0 0", "are these degrees?", None),
+            ("--axis-angle-rad 30 0 0 1", None, None),
+            ("--axis-angle-rad 1 0 0 30", "are these degrees?", None),
+            ("--euler-rad ZYX 30 0 0", "are these degrees?", None),
+        ],
+        swept=False,
+    ),
 )
 def test_what_was_mended_or_looks_wrong_is_noted(line: str, note: str | None, off: float | None, typed: Any) -> None:
     """A norm or matrix that is off is told with its size, as are radians beyond a turn; nothing else is."""

@@ -40,6 +40,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
+@pytest.mark.slow
 def test_report_and_events_are_the_same(logs: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """In the order of the files, with the bad one in its place; the code is that of the worst."""
     one, several = (checked(capfd, logs, "--jobs", jobs, "--format", "json", "--events", "-") for jobs in (1, 2))
@@ -49,6 +50,7 @@ def test_report_and_events_are_the_same(logs: Path, capfd: pytest.CaptureFixture
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_all_outputs_are_the_same(logs: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Each format, pages and evidence, with a baseline that knows some of the alarms."""
     baseline = tmp_path / "before.json"
@@ -67,6 +69,7 @@ def test_all_outputs_are_the_same(logs: Path, tmp_path: Path, capfd: pytest.Capt
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_a_process_that_dies_costs_its_recording(
     logs: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -359,6 +359,7 @@ def test_the_pages_tables_are_what_check_says(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_the_pages_loop_does_what_it_says(tmp_path: Path) -> None:
     """Typed into a shell, the test set is made and judged as the page shows."""
     found = re.search(r"```sh\n(.*?)```\n\n```console\n\$ (.*?\n)(.*?)```", PAGE, re.DOTALL)

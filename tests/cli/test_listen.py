@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import signal
 import socket
 import sys
@@ -65,7 +66,7 @@ def test_the_alarms_of_check(tmp_path: Path) -> None:
     flight.write_bytes(tlog_of(FLIGHT))
     with (
         tcp_sender(FLIGHT, 3.0) as (tcp_port, _),
-        listening(port, "--record", str(udp_tlog), "--events", str(udp_events), "--duration", "4") as udp,
+        listening(port, "--record", str(udp_tlog), "--events", str(udp_events)) as udp,
         Process(
             "listen",
             f"tcp:127.0.0.1:{tcp_port}",
@@ -79,10 +80,14 @@ def test_the_alarms_of_check(tmp_path: Path) -> None:
         udp.wait_for("link up")
         with vehicle(port, FLIGHT, speed=3.0):
             pass
+        wait_until(lambda: udp_tlog.stat().st_size == flight.stat().st_size)
+        udp.signal(signal.SIGTERM)
         assert udp.ended() == (0, "")
         tcp.wait_for("link down")
         tcp.signal(signal.SIGTERM)
-        assert tcp.ended() == (0, "")
+        code, notes = tcp.ended()
+        assert code == 0
+        assert re.fullmatch(r"(gcs-bridge: note: a link has gone, and .*\n)?", notes)  # where it has been gone for long
     expected = gcs_bridge.check(flight).to_dict()["files"][0]
     (alarm,) = expected["vehicles"][0]["alarms"]
     for tlog, events, process in ((udp_tlog, udp_events, udp), (tcp_tlog, tcp_events, tcp)):

@@ -85,6 +85,7 @@ def test_what_rerun_hands_over_is_kept_to(replayed: Drawn, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_flights_of_one_folder_do_not_lie_over_each_other(tmp_path: Path) -> None:
     """Rerun would have all files of a folder in one recording, that is named after it."""
     imported(tmp_path / "a.rrd", "--application-id", "folder", "--recording-id", "rec")

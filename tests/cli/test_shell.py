@@ -16,6 +16,7 @@ from gcs_bridge.cli import main
 from gcs_bridge.cli.check import find_recordings
 from gcs_bridge.errors import SourceError, UsageError
 from gcs_bridge.report.schema import File
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import ROOT
 from tests.helpers.report_entries import file, vehicle, without_quaternion
 
@@ -80,7 +81,8 @@ def test_help(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["check", "--help"], ["--version"], ["check", "none", "--profile", "x"]]
+    "arguments",
+    one_in(3, [["--help"], ["check", "--help"], ["--version"], ["check", "none", "--profile", "x"]], swept=False),
 )
 def test_nothing_heavy_is_imported_to_help_or_refuse(arguments: list[str]) -> None:
     """Help, version and refusals load no numerics, no viewer and no MAVLink tables."""
@@ -92,6 +94,7 @@ def test_nothing_heavy_is_imported_to_help_or_refuse(arguments: list[str]) -> No
     assert python("-c", program).stderr.splitlines()[-1] == "[]"
 
 
+@pytest.mark.slow
 def test_help_is_quick() -> None:
     """--help takes less than 0.4 s of a processor, in a fresh process, at its best of three."""
 
@@ -338,6 +341,7 @@ def test_a_reader_that_goes_away_is_no_error(unbuffered: str) -> None:
         assert process.wait(30) == 141
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["text", "json"])
 def test_a_terminal_s_encoding_is_no_reason_to_fail(form: str) -> None:
     """The result is UTF-8 even where Python would write ASCII, undecodable file names included."""
@@ -347,6 +351,7 @@ def test_a_terminal_s_encoding_is_no_reason_to_fail(form: str) -> None:
     assert "flight ° " in shown.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full device")
 def test_a_full_disk_behind_stdout_is_told() -> None:
     """A result that cannot be written is exit 2 and one line, not silence."""

@@ -17,6 +17,7 @@ from urllib.parse import unquote
 import pytest
 
 from gcs_bridge.cli import main
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES, ROOT
 from tests.helpers.surveyed import rows
 
@@ -106,6 +107,7 @@ def test_wrong_usage(arguments: list[str], said: str, survey: Any, tmp_path: Pat
     assert said in ended.err[0]
 
 
+@pytest.mark.slow
 def test_signed_recordings(survey: Any, tmp_path: Path) -> None:
     """By the right key and by another: judged in this process, as no other is given the key."""
     key = tmp_path / "key"
@@ -117,6 +119,7 @@ def test_signed_recordings(survey: Any, tmp_path: Path) -> None:
     assert len(list((tmp_path / "out" / "earlier").iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_nothing_to_judge(survey: Any, tmp_path: Path) -> None:
     """A folder without recordings, and a file that is not there, are named; there is a summary all the same."""
     (tmp_path / "bare").mkdir()
@@ -161,7 +164,7 @@ def journalled(out: Path) -> int:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL")
-@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("sign", one_in(3, [signal.SIGKILL, signal.SIGINT, signal.SIGTERM]))
 def test_ended_half_way(sign: signal.Signals, tmp_path: Path, survey: Any) -> None:
     """Gone on with, nothing is judged twice; nobody prints a traceback."""
     fleet, out, most = tmp_path / "logs", tmp_path / "out", 80  # enough that some are left, however late it is ended

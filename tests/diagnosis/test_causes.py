@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -14,6 +14,7 @@ from gcs_bridge.diagnosis.causes import CAUSES
 from gcs_bridge.diagnosis.mistake import Cause, Value
 from gcs_bridge.errors import UsageError
 from tests.helpers.diagnosis_oracle import FRAMES
+from tests.helpers.everyday import searched
 
 Array = NDArray[np.float64]
 
@@ -225,7 +226,7 @@ def values(draw: st.DrawFn, cause: Cause) -> Value:
 
 @pytest.mark.slow
 @with_undo
-@settings(max_examples=30)
+@searched(30)
 @given(data=st.data())
 def test_undone_is_never_made(cause: Cause, data: st.DataObject) -> None:
     """Undo takes back exactly what falsify did, a quaternion's sign too, and neither touches what it was given."""

@@ -44,6 +44,7 @@ def wait_until_gone(pid: int) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_costs_its_task_alone() -> None:
     """All others are done, and it is told how the process ended."""
     with Processes(2) as processes:
@@ -56,6 +57,7 @@ def test_a_process_that_dies_costs_its_task_alone() -> None:
     assert not any(map(is_there, pids))
 
 
+@pytest.mark.slow
 def test_processes_that_cannot_begin(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not all of a million tasks are tried: here each ends before it looks at one."""
     monkeypatch.setattr("gcs_bridge.executors.processes._begin", sys.exit)
@@ -65,6 +67,7 @@ def test_processes_that_cannot_begin(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(tried) < 10
 
 
+@pytest.mark.slow
 def test_processes_are_replaced() -> None:
     """What libraries keep for good goes with a process after some tasks."""
     with Processes(1, most_tasks=2) as processes:
@@ -72,6 +75,7 @@ def test_processes_are_replaced() -> None:
     assert pids[0] == pids[1] != pids[2] == pids[3]
 
 
+@pytest.mark.slow
 def test_a_process_that_held_much_memory_is_replaced() -> None:
     """The limit here is below what any interpreter holds."""
     with Processes(1, most_memory=1) as processes:
@@ -95,6 +99,7 @@ def test_tasks_are_taken_as_there_is_room() -> None:
     assert done == [0, 1, 2]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL")
 def test_workers_end_with_their_parent(tmp_path: Path) -> None:
     """Even when it is killed in the middle of a task."""
@@ -110,6 +115,7 @@ def test_workers_end_with_their_parent(tmp_path: Path) -> None:
     wait_until_gone(int(file.read_text()))
 
 
+@pytest.mark.slow
 def test_leaving_waits_for_nothing(tmp_path: Path) -> None:
     """As on Ctrl-C: what is still at work is ended."""
     file = tmp_path / "pid"

@@ -12,13 +12,13 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 import pytest
-from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
 from gcs_bridge.diagnosis.causes import CAUSES
 from gcs_bridge.expected import AHRS_TRIM, PITCH_TRIM, VTOL_VIEW, Expected
 from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples
 from gcs_bridge.telemetry.statements import ModeSet, ParameterSet
+from tests.helpers import wire
 from tests.helpers.everyday import in_turns, one_in
 from tests.helpers.paths import FIXTURES
 
@@ -112,12 +112,11 @@ def samples(
 @cache
 def recorded(name: str, sysid: int = 1) -> Flight:
     """A bundled recording, as pymavlink reads it."""
-    link = mavutil.mavlink_connection(str(FIXTURES / f"{name}.tlog"), dialect="all")
+    data = (FIXTURES / f"{name}.tlog").read_bytes()
     euler: list[list[float]] = []
     quaternion: list[list[float]] = []
-    news, frame_index = News(), 0
-    while (message := link.recv_msg()) is not None:
-        frame_index += 1
+    news = News()
+    for frame_index, _, message in wire.messages(data, "ATTITUDE", "ATTITUDE_QUATERNION", "PARAM_VALUE", "HEARTBEAT"):
         if (message.get_srcSystem(), message.get_srcComponent()) != (sysid, 1):
             continue
         kind = message.get_type()
@@ -131,7 +130,6 @@ def recorded(name: str, sysid: int = 1) -> Flight:
         elif kind == "HEARTBEAT":
             autopilot, type_ = AUTOPILOTS[message.autopilot], TYPES[message.type]
             news.append(ModeSet(frame_index, autopilot, type_, message.custom_mode, armed=True))
-    link.close()
     e, q = np.array(euler), np.array(quaternion)
     rpy = np.ascontiguousarray(e[:, 2:5])
     return Flight(
@@ -277,7 +275,7 @@ def test_what_was_told_is_undone(name: str, sysid: int, causes: list[str], value
     assert seen.explanations == [explained(*one, estimated=False) for one in zip(causes, values, strict=True)]
 
 
-@pytest.mark.parametrize("nth", [1, 3, 6])
+@pytest.mark.parametrize("nth", one_in(3, [1, 3, 6], swept=False))
 @pytest.mark.parametrize(("name", "sysid", "causes", "values"), one_in(4, TOLD + UNTOLD))
 def test_what_was_not_told_is_fitted(name: str, sysid: int, causes: list[str], values: list[Any], nth: int) -> None:
     """Without parameters, at 25 to 4 Hz, the numbers are found before anything could be alarming, and are right."""
@@ -332,7 +330,7 @@ def test_nothing_is_undone_where_nothing_was_done(name: str, sysid: int) -> None
 # --- faults ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("share", "told"), [(0.0, False), (0.5, True), (0.5, False)])
+@pytest.mark.parametrize(("share", "told"), one_in(3, [(0.0, False), (0.5, True), (0.5, False)], swept=False))
 @pytest.mark.parametrize(
     ("fault", "value"),
     one_in(

@@ -23,6 +23,7 @@ from gcs_bridge.cli import main
 from gcs_bridge.exporting.conventions import CONVENTIONS
 from gcs_bridge.exporting.writers import WRITERS
 from tests.helpers import wire
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES, ROOT
 
 SQUARE = FIXTURES / "a_copter_square.tlog"
@@ -219,7 +220,7 @@ def test_a_source_that_is_none_leaves_nothing_behind(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["parquet", "csv", "mcap"])
+@pytest.mark.parametrize("form", one_in(3, ["parquet", "csv", "mcap"]))
 def test_a_full_disk_is_told_in_one_line(form: str, tmp_path: Path) -> None:
     """A real one: a file may not grow beyond 100 kB here. Nothing is left of it, and nothing else is said."""
     arguments = ["export", str(SQUARE), "--format", form, "-q"]
@@ -252,6 +253,7 @@ def test_every_other_message_has_a_table_of_its_own(tmp_path: Path) -> None:
     assert sorted(one["frame_index"] for one in told) == sorted(table["frame_index"].to_pylist())
 
 
+@pytest.mark.slow
 def test_csv_has_a_column_for_each_place_of_an_array(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As pymavlink reads it; and no two tables that a file system without upper case would take for one."""
     assert export(SQUARE, tmp_path, "--all", "--format", "csv", *SHORT) == 0
@@ -287,6 +289,7 @@ def test_no_text_from_the_air_is_a_formula(tmp_path: Path) -> None:
         assert [row["text"] for row in csv.DictReader(file)] == ["'=cmd|'/c calc'!A1", "'+1", "'-1", "'@SUM(1)", "a=1"]
 
 
+@pytest.mark.slow
 def test_mcap_says_null_where_nothing_is_known(tmp_path: Path) -> None:
     """JSON knows no NaN: of a quaternion of NaN its rows say null, and there is no transform."""
     data = (FIXTURES / "c_copter_4hz.tlog").read_bytes()
@@ -299,6 +302,7 @@ def test_mcap_says_null_where_nothing_is_known(tmp_path: Path) -> None:
     assert len(turns) == len(rows) - 1
 
 
+@pytest.mark.slow
 def test_a_damaged_time_does_not_draw_the_timeline_out(tmp_path: Path) -> None:
     """Ten records without a time among those of a minute: the file still lasts a minute, not since 1970."""
     flight = list(wire.records((FIXTURES / "c_copter_4hz.tlog").read_bytes()))
@@ -314,6 +318,7 @@ def test_a_damaged_time_does_not_draw_the_timeline_out(tmp_path: Path) -> None:
     assert summary.statistics.message_end_time <= flight[-1][0] * 1000
 
 
+@pytest.mark.slow
 def test_mcap_of_a_stream_without_times_is_on_the_vehicle_s_clock(tmp_path: Path) -> None:
     """Messages that nothing here judges too, where they carry it."""
     frames = [frame for _, frame in wire.records(SQUARE.read_bytes())]

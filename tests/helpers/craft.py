@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from math import cos, pi, radians, sin
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from gcs_bridge import Monitor
 from tests.helpers import wire
 from tests.helpers.turn import Turn
+from tests.helpers.wire import Packed, packed
 
 Array = NDArray[np.float64]
 Json = dict[str, Any]
@@ -51,25 +53,29 @@ def rotvec(*deg: float) -> Turn:
 
 def still(at: Turn | None = None) -> StreamChange:
     """No motion at all."""
-    held = rpy() if at is None else at
-    return lambda t_s: (held, np.zeros(3))
+    held, none = rpy() if at is None else at, np.zeros(3)
+    return lambda t_s: (held, none)
 
 
 def swaying(axis: Sequence[float] = (0, 1, 0), by_deg: float = 20.0, period_s: float = 4.0) -> StreamChange:
     """To and fro about one body axis: the angle is a sine, so the rate about that axis is its derivative."""
-    w = 2 * np.pi / period_s
+    w, amplitude = 2 * pi / period_s, radians(by_deg) * np.asarray(axis, np.float64)
+    x, y, z = amplitude.tolist()
+    rates = w * amplitude
 
     def turn(t_s: float) -> tuple[Turn, Array]:
-        amplitude = np.radians(by_deg) * np.asarray(axis, np.float64)
-        return Turn.from_rotvec(amplitude * np.sin(w * t_s)), amplitude * w * np.cos(w * t_s)
+        share = sin(w * t_s)
+        return Turn.from_rotvec((x * share, y * share, z * share)), rates * cos(w * t_s)
 
     return turn
 
 
 def spinning(axis: Sequence[float] = (0, 0, 1), deg_s: float = 2.0, at: Turn | None = None) -> StreamChange:
     """At a constant rate about one body axis."""
-    rates = np.radians(deg_s) * np.asarray(axis, np.float64)
-    return lambda t_s: ((rpy() if at is None else at) * Turn.from_rotvec(rates * t_s), rates)
+    rates = radians(deg_s) * np.asarray(axis, np.float64)
+    x, y, z = rates.tolist()
+    first = rpy() if at is None else at
+    return lambda t_s: (first * Turn.from_rotvec((x * t_s, y * t_s, z * t_s)), rates)
 
 
 # --- changes ---------------------------------------------------------------------------------------------------------
@@ -127,39 +133,43 @@ def two_sided(change: Change) -> dict[str, Any]:
 # --- messages --------------------------------------------------------------------------------------------------------
 
 
-def attitude(ms: int, state: State) -> Any:
-    return mavlink.MAVLink_attitude_message(ms, *state.rotation.rpy_rad(), *state.rates)
+def attitude(ms: int, state: State) -> Packed:
+    return packed(mavlink.MAVLink_attitude_message, ms, *state.rotation.rpy_rad(), *state.rates.tolist())
 
 
-def attitude_quaternion(ms: int, state: State) -> Any:
-    q = [state.norm * part for part in state.rotation]
-    return mavlink.MAVLink_attitude_quaternion_message(ms, *q, *state.rates, [0, 0, 0, 0])
+def attitude_quaternion(ms: int, state: State) -> Packed:
+    w, x, y, z = state.rotation
+    q = (state.norm * w, state.norm * x, state.norm * y, state.norm * z)
+    return packed(mavlink.MAVLink_attitude_quaternion_message, ms, *q, *state.rates.tolist(), 0, 0, 0, 0)
 
 
-def ahrs2(_: int, state: State) -> Any:
-    return mavlink.MAVLink_ahrs2_message(*state.rotation.rpy_rad(), 0, 0, 0)
+def ahrs2(_: int, state: State) -> Packed:
+    return packed(mavlink.MAVLink_ahrs2_message, *state.rotation.rpy_rad(), 0, 0, 0)
 
 
 def _counts(state: State, per_g: float) -> list[int]:
     """Force, rates in mrad/s and a field of 0.4 G to the north, as int16 that start anew beyond their range."""
-    field_b = state.rotation.inv().apply([400.0, 0.0, 0.0])
-    exact = np.concatenate((state.force / G_M_S2 * per_g, state.rates * 1e3, field_b))
-    counts: list[int] = np.rint(exact).astype(np.int64).astype(np.int16).tolist()
-    return counts
+    exact = (
+        *(force / G_M_S2 * per_g for force in state.force.tolist()),
+        *(1e3 * rate for rate in state.rates.tolist()),
+        *state.rotation.inv().applied(400.0, 0.0, 0.0),
+    )
+    return [(round(count) + 2**15) % 2**16 - 2**15 for count in exact]
 
 
-def raw_imu(ms: int, state: State, *, per_g: float = 1000.0, clock_us: int = 0) -> Any:
+def raw_imu(ms: int, state: State, *, per_g: float = 1000.0, clock_us: int = 0) -> Packed:
     """RAW_IMU as ArduPilot sends it, or with another scale of the force; its clock is off by `clock_us`."""
-    return mavlink.MAVLink_raw_imu_message(ms * 1000 + clock_us, *_counts(state, per_g))
+    return packed(mavlink.MAVLink_raw_imu_message, ms * 1000 + clock_us, *_counts(state, per_g), 0, 0)
 
 
-def scaled_imu(ms: int, state: State) -> Any:
-    return mavlink.MAVLink_scaled_imu_message(ms, *_counts(state, 1000.0))
+def scaled_imu(ms: int, state: State) -> Packed:
+    return packed(mavlink.MAVLink_scaled_imu_message, ms, *_counts(state, 1000.0), 0)
 
 
-def highres_imu(ms: int, state: State) -> Any:
-    field_b = state.rotation.inv().apply([0.4, 0.0, 0.0])
-    return mavlink.MAVLink_highres_imu_message(ms * 1000, *state.force, *state.rates, *field_b, 0, 0, 0, 20, 63)
+def highres_imu(ms: int, state: State) -> Packed:
+    force, rates = state.force.tolist(), state.rates.tolist()
+    field = state.rotation.inv().applied(0.4, 0.0, 0.0)
+    return packed(mavlink.MAVLink_highres_imu_message, ms * 1000, *force, *rates, *field, 0, 0, 0, 20, 63, 0)
 
 
 def parameter(name: str, value: float) -> Any:
@@ -214,7 +224,7 @@ class Craft:
         rotation, rates = self.turn(t_s)
         if self.force is not None:
             return State(rotation, rates, np.asarray(self.force(t_s, rotation), np.float64))
-        return State(rotation, rates, rotation.inv().apply([0.0, 0.0, -G_M_S2]))
+        return State(rotation, rates, np.array(rotation.inv().applied(0.0, 0.0, -G_M_S2)))
 
     def records(self, seconds: float) -> list[Record]:
         """(record time, frame) of this many seconds of flight."""
@@ -228,7 +238,7 @@ class Craft:
 
         def send(ms: int, message: Any) -> None:
             sender.seq = len(records) % 256
-            records.append((wire.START_US + 1000 * ms, bytes(message.pack(sender))))
+            records.append((wire.START_US + 1000 * ms, message.pack(sender)))
 
         every = round(self.hz / self.second_hz)
         streams = (

@@ -3,14 +3,21 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import hypothesis
 import pytest
 
+ALL_CASES = 100
+"""How many cases Hypothesis tries by itself; tests/conftest.py says when it tries fewer."""
 
-def one_in(n: int, cases: Iterable[Any]) -> list[Any]:
-    """All cases, for `parametrize`; of `n` one is for every day, the rest a sweep. A tuple is one value a parameter."""
-    sweep = [pytest.mark.slow, pytest.mark.sweep]
+
+def one_in(n: int, cases: Iterable[Any], *, swept: bool = True) -> list[Any]:
+    """All cases, for `parametrize`; of `n` one is for every day, the rest a sweep. A tuple is one value a parameter.
+
+    Where each of the rest shows something else it is not `swept`, but slow alone.
+    """
+    rest = [pytest.mark.slow, pytest.mark.sweep] if swept else [pytest.mark.slow]
     return [
-        pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=sweep if i % n else [])
+        pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=rest if i % n else [])
         for i, case in enumerate(cases)
     ]
 
@@ -28,3 +35,9 @@ def in_turns(rounds: int, *axes: Sequence[Any]) -> list[tuple[Any, ...]]:
             for case in range(longest)
         )
     )
+
+
+def searched(cases: int, **more: Any) -> hypothesis.settings:
+    """For a test of Hypothesis: so many cases where sweeps are run, elsewhere the share of them that others have."""
+    share = hypothesis.settings().max_examples / ALL_CASES
+    return hypothesis.settings(max_examples=max(1, round(cases * share)), **more)

@@ -42,20 +42,28 @@ class Turn(NamedTuple):
     def __mul__(self, other: Turn) -> Turn:  # type: ignore[override] # of a tuple: repeated
         a, b, c, d = self
         e, f, g, h = other
-        return Turn(
-            a * e - b * f - c * g - d * h,
-            a * f + b * e + c * h - d * g,
-            a * g - b * h + c * e + d * f,
-            a * h + b * g - c * f + d * e,
+        return tuple.__new__(  # half of what a named tuple's own takes
+            Turn,
+            (
+                a * e - b * f - c * g - d * h,
+                a * f + b * e + c * h - d * g,
+                a * g - b * h + c * e + d * f,
+                a * h + b * g - c * f + d * e,
+            ),
         )
 
     def inv(self) -> Turn:
         return Turn(self.w, -self.x, -self.y, -self.z)
 
+    def applied(self, x: float, y: float, z: float) -> tuple[float, float, float]:
+        """The vector, turned: v + 2 u × (u × v + w v) of the quaternion w, u."""
+        w, a, b, c = self
+        p, q, r = b * z - c * y + w * x, c * x - a * z + w * y, a * y - b * x + w * z
+        return x + 2 * (b * r - c * q), y + 2 * (c * p - a * r), z + 2 * (a * q - b * p)
+
     def apply(self, vector: Vector) -> Array:
         """The vector, turned."""
-        _, x, y, z = self * Turn(0.0, *map(float, vector)) * self.inv()
-        return np.array((x, y, z))
+        return np.array(self.applied(*map(float, vector)))
 
     def rpy_rad(self) -> tuple[float, float, float]:
         w, x, y, z = self

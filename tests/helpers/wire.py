@@ -4,7 +4,7 @@ import hashlib
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,36 @@ ARDUPILOT, PX4, NO_AUTOPILOT = 3, 12, 8  # MAV_AUTOPILOT
 QUADROTOR, GROUND_STATION = 2, 6  # MAV_TYPE
 
 
+class Packed(NamedTuple):
+    """A message that is sent a thousand times: its payload, in the order of the wire, and whose it is of pymavlink's.
+
+    It goes where pymavlink's own messages go. `tests/test_helpers.py` holds its frames against theirs.
+    """
+
+    kind: Any
+    payload: bytes
+
+    def pack(self, sender: Any, force_mavlink1: bool = False) -> bytes:
+        """The frame, as pymavlink's message makes it in three times as long."""
+        start = (sender.seq, sender.srcSystem, sender.srcComponent)
+        if force_mavlink1:
+            head = _HEAD_1.pack(0xFE, len(self.payload), *start, self.kind.id) + self.payload
+        else:
+            payload = self.payload.rstrip(b"\0") or self.payload[:1]  # zeros at the end are not sent
+            head = _HEAD_2.pack(0xFD, len(payload), 0, 0, *start, self.kind.id & 0xFFFF, self.kind.id >> 16) + payload
+        frame = head + _CRC.pack(x25crc(b"%b%c" % (head[1:], self.kind.crc_extra)).crc)
+        if not sender.signing.sign_outgoing or force_mavlink1:
+            return frame
+        return signed(frame, sender.signing.secret_key, time=sender.signing.timestamp, link=sender.signing.link_id)
+
+
+_HEAD_1, _HEAD_2, _CRC = struct.Struct("<6B"), struct.Struct("<7BHB"), struct.Struct("<H")
+
+
 def pack(
     message: Any, *, seq: int = 0, sysid: int = 1, compid: int = 1, version: int = 2, key: bytes | None = None
 ) -> bytes:
-    """The frame of one of pymavlink's messages, signed with `key` where one is given."""
+    """The frame of one of pymavlink's messages, or of a `Packed` one, signed with `key` where one is given."""
     sender = _sender(sysid, compid) if key is None else mavlink.MAVLink(None, srcSystem=sysid, srcComponent=compid)
     sender.seq = seq % 256
     if key is not None:
@@ -45,7 +71,12 @@ def attitude(
     time_boot_ms: int, rpy_rad: Sequence[float] | Array, rates: Sequence[float] | Array = (0, 0, 0), **wire: Any
 ) -> bytes:
     """ATTITUDE of roll, pitch and yaw."""
-    return pack(mavlink.MAVLink_attitude_message(time_boot_ms % 2**32, *rpy_rad, *rates), **wire)
+    return pack(packed(mavlink.MAVLink_attitude_message, time_boot_ms % 2**32, *rpy_rad, *rates), **wire)
+
+
+def packed(kind: Any, *values: Any) -> Packed:
+    """A message of these values, in the order of the wire: the widest first, otherwise as they are declared."""
+    return Packed(kind, kind.unpacker.pack(*values))
 
 
 def attitude_quaternion(
@@ -56,13 +87,13 @@ def attitude_quaternion(
     **wire: Any,
 ) -> bytes:
     """ATTITUDE_QUATERNION of [w, x, y, z]."""
-    message = mavlink.MAVLink_attitude_quaternion_message(time_boot_ms % 2**32, *wxyz, *rates, repr_offset_q)
-    return pack(message, **wire)
+    kind = mavlink.MAVLink_attitude_quaternion_message
+    return pack(packed(kind, time_boot_ms % 2**32, *wxyz, *rates, *repr_offset_q), **wire)
 
 
 def ahrs2(rpy_rad: Sequence[float] | Array, **wire: Any) -> bytes:
     """AHRS2 of roll, pitch and yaw."""
-    return pack(mavlink.MAVLink_ahrs2_message(*rpy_rad, 0, 0, 0), **wire)
+    return pack(packed(mavlink.MAVLink_ahrs2_message, *rpy_rad, 0, 0, 0), **wire)
 
 
 def with_checksum(frame: bytes, crc_extra: int) -> bytes:
@@ -101,12 +132,7 @@ class Motion:
     """
 
     def __init__(self, seconds: float, *, seed: int = 0, speed_rad_s: float = 0.5) -> None:
-        knots = np.arange(0.0, seconds + 1.0, 0.5)
-        steps = np.random.default_rng(seed).normal(0.0, 0.5 * speed_rad_s / np.sqrt(3.0), (len(knots), 3))
-        turned = [Rotation.identity()]
-        for step in steps[1:]:
-            turned.append(turned[-1] * Rotation.from_rotvec(step))
-        self._spline = RotationSpline(knots, Rotation.concatenate(turned))
+        self._spline = _spline(seconds, seed, speed_rad_s)
 
     def rotation(self, t_s: Seconds) -> Rotation:
         return self._spline(t_s)
@@ -122,6 +148,16 @@ class Motion:
         """Angular rate in body axes, rad/s."""
         w: Array = self._spline(t_s, 1)
         return w
+
+
+@lru_cache(maxsize=50)
+def _spline(seconds: float, seed: int, speed_rad_s: float) -> RotationSpline:
+    knots = np.arange(0.0, seconds + 1.0, 0.5)
+    steps = np.random.default_rng(seed).normal(0.0, 0.5 * speed_rad_s / np.sqrt(3.0), (len(knots), 3))
+    turned = [Rotation.identity()]
+    for step in Rotation.from_rotvec(steps[1:]):
+        turned.append(turned[-1] * step)
+    return RotationSpline(knots, Rotation.concatenate(turned))
 
 
 def flight(
@@ -146,7 +182,7 @@ def flight(
     ticks.sort()
     t_s = np.array([ms for ms, _ in ticks]) / 1000.0
     rotation = motion.rotation(t_s)
-    rpy, q, rates = rotation.as_euler("ZYX")[:, ::-1], wxyz(rotation), motion.rates(t_s)
+    rpy, q, rates = rotation.as_euler("ZYX")[:, ::-1].tolist(), wxyz(rotation).tolist(), motion.rates(t_s).tolist()
     records = []
     for i, (ms, kind) in enumerate(ticks):
         if kind == 0:
@@ -168,3 +204,15 @@ def records(data: bytes) -> Iterator[tuple[int, bytes]]:
         stop = start + overhead + data[start + 1]
         yield struct.unpack(">Q", data[at:start])[0], data[start:stop]
         at = stop
+
+
+def messages(data: bytes, *names: str) -> Iterator[tuple[int, int, Any]]:
+    """(number of the record, record time, pymavlink's message) of an undamaged recording, of these names alone.
+
+    The others are not decoded: that takes most of the time.
+    """
+    wanted = {getattr(mavlink, f"MAVLINK_MSG_ID_{name}") for name in names}
+    parser = mavlink.MAVLink(None)
+    for number, (t_us, frame) in enumerate(records(data)):
+        if (frame[5] if frame[0] == 0xFE else int.from_bytes(frame[7:10], "little")) in wanted:
+            yield number, t_us, parser.decode(bytearray(frame))

@@ -18,6 +18,7 @@ from gcs_bridge import cache
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
 from gcs_bridge.jit import helper, in_kernels, kernel, share
 from gcs_bridge.jit.kernels import KERNELS, Kernel
+from tests.helpers.everyday import one_in
 
 PAIR = np.dtype([("t", "i4"), ("x", "f8")])
 
@@ -238,7 +239,7 @@ def test_where_numba_is_not_as_it_is_known_its_own_dispatcher_does_the_work(
 
 
 @pytest.mark.slow  # numba itself compiles
-@pytest.mark.parametrize("variable", ["NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT"])
+@pytest.mark.parametrize("variable", one_in(2, ["NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT"]))
 def test_what_developers_ask_of_numba_is_done(variable: str, tmp_path: Path) -> None:
     """An index out of bounds is an IndexError then, and no line of another array; nothing of it is kept."""
     source = """

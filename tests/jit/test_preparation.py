@@ -90,6 +90,7 @@ def test_the_first_run_says_so_and_the_next_is_silent_and_needs_no_numba(package
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_two_first_runs_at_once_share_the_work_and_a_later_one_finds_all_of_it(package: str) -> None:
     """Each kernel is compiled by one of four processes: two runs, and the helpers that each of them starts."""
     both = [started(package), started(package)]
@@ -114,6 +115,7 @@ def test_a_new_version_is_compiled_anew_and_the_old_one_goes_on_beside_it(packag
     assert told_by(started(package)) == ("False\n", "")
 
 
+@pytest.mark.slow
 def test_on_a_terminal_a_line_tells_how_far_it_is_and_goes(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """It leaves nothing behind."""
 
@@ -143,6 +145,7 @@ def test_a_kernel_that_nobody_prepared_is_compiled_when_it_is_called(
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_without_a_helper_it_takes_longer_and_that_is_all(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """No other process can be started, or it ends at once; what somebody else claims for ever is compiled here too."""
 

@@ -1,5 +1,7 @@
 """How long nothing can be raised: while that is so, who listens may judge several bursts at once."""
 
+import pytest
+
 from gcs_bridge.events import AlarmCleared, AlarmEvent, AlarmPending, AlarmRaised
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.recordings.faults import parse_fault
@@ -46,6 +48,7 @@ def test_before_a_vehicle_is_there_nothing_is_calm() -> None:
     assert monitor.calm_s() == 0.0
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_is_lost_keeps_nobody_waiting() -> None:
     """Nor does one that never comes back keep the loop from being calm about the others."""
     monitor = Monitor()

@@ -46,7 +46,7 @@ BOUND = 1.2  # times what was measured
 
 BATCH_US = 20_000  # at 50 Hz: most batches hold one sample of each stream, 3 to 5 messages
 WARM_UP = 1000  # batches: 20 s of flight, after which all that is learned and made once is there
-COUNTED = 100
+COUNTED = 50
 
 # Later versions tell the tracer of fewer operations, and the bounds are what was counted with this one.
 pytestmark = pytest.mark.skipif(sys.version_info >= (3, 12), reason="counted as Python 3.11 tells of its operations")
@@ -55,6 +55,7 @@ _NAMED = ("CALL", "CALL_KW", "CALL_FUNCTION_EX", "COMPARE_OP", "CONTAINS_OP", "S
 OPERATIONS = {code for name, code in dis.opmap.items() if name in _NAMED or name.startswith(("BINARY_", "UNARY_"))}
 
 
+@cache
 def live_batches(vehicles: int) -> list[Batch]:
     """An acro flight as a link brings it: of one vehicle, or of several that fly the same."""
     flown = list(records((FIXTURES / "b_copter_acro.tlog").read_bytes()))

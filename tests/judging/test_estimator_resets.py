@@ -4,12 +4,13 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_bridge import Monitor
 from tests.helpers.craft import BOOT_S, Change, Craft, State, rotvec, spinning, text, told, watched
+from tests.helpers.everyday import searched
 from tests.helpers.wire import tlog
 
 Json = dict[str, Any]
@@ -110,7 +111,7 @@ def events_of(cuts: list[int]) -> list[Json]:
 
 
 @pytest.mark.slow
-@settings(max_examples=20)
+@searched(20)
 @given(cuts=st.lists(st.integers(0, 10**6), max_size=40))
 def test_any_cutting_finds_the_same_resets(cuts: list[int]) -> None:
     """Cut anywhere, the same two resets are told with the same words."""

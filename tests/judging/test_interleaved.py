@@ -1,7 +1,7 @@
-"""Sixteen vehicles on one link: each is judged as if it were alone."""
+"""Many vehicles on one link: each is judged as if it were alone."""
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import accumulate
 from typing import Any
 
@@ -12,11 +12,14 @@ from gcs_bridge import Monitor
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from tests.helpers import wire
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES as SITL
+
+Flown = tuple[str, tuple[str, ...], set[str]]
 
 # Recordings of one vehicle each, and what is wrong in them: of three firmwares' kinds, at 4 to 50 Hz, MAVLink 1 and 2,
 # with a reboot, resets, trims, views, losses and a stream that stops.
-FLOWN: list[tuple[str, tuple[str, ...], set[str]]] = [
+FLOWN: list[Flown] = [
     ("b2_mixed_rates", (), set()),
     ("b_copter_acro", (), set()),
     ("c_copter_4hz", (), set()),
@@ -71,14 +74,15 @@ def by_time(records: Iterable[Record]) -> list[tuple[int, Record]]:
 
 
 @pytest.mark.slow
-def test_sixteen_vehicles_on_one_link() -> None:
+@pytest.mark.parametrize("flown", one_in(2, [FLOWN[1::3], FLOWN]), ids=["five", "sixteen"])
+def test_vehicles_on_one_link(flown: Sequence[Flown]) -> None:
     """Interleaved, as a swarm's link brings them, every vehicle has the very entry that its own recording gives: the
     same numbers of every check, the same alarms at the same times, none of another's.
 
     A ground station is heard to the end of each, so that the end of a vehicle's data is its silence in both.
     """
     flights = {}
-    for sysid, (name, faults, _) in enumerate(FLOWN, start=11):
+    for sysid, (name, faults, _) in enumerate(flown, start=11):
         data = inject((SITL / f"{name}.tlog").read_bytes(), [parse_fault(fault) for fault in faults])
         flights[sysid] = list(readdressed(data, sysid))
     end_us = max(t_us for records in flights.values() for t_us, _ in records)
@@ -87,7 +91,7 @@ def test_sixteen_vehicles_on_one_link() -> None:
     flights[255] = bystander
     together = judged(record for _, record in heapq.merge(*map(by_time, flights.values()), key=lambda one: one[0]))
     assert together.keys() == flights.keys() - {255}
-    for sysid, (name, _, wrong) in enumerate(FLOWN, start=11):
+    for sysid, (name, _, wrong) in enumerate(flown, start=11):
         of_both = map(by_time, (flights[sysid], bystander))
         (alone,) = judged(record for _, record in heapq.merge(*of_both, key=lambda one: one[0])).values()
         assert together[sysid] == alone, name

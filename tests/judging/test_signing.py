@@ -13,6 +13,7 @@ from gcs_bridge import Monitor
 from gcs_bridge.judging import monitor as judging
 from gcs_bridge.mavlink.signing import SigningKey
 from tests.helpers import wire
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES
 
 Record = tuple[int, bytes]
@@ -73,7 +74,7 @@ FORGERIES: dict[str, Callable[[], list[Record]]] = {
 }
 
 
-@pytest.mark.parametrize("kind", FORGERIES)
+@pytest.mark.parametrize("kind", one_in(2, FORGERIES))
 def test_a_forged_attitude_changes_nothing_when_rejected(kind: str) -> None:
     """The vehicles' part of the report, and all events but that it was refused, are as if it had not come."""
     alone, quiet = judged(flown())
@@ -92,7 +93,7 @@ def test_a_forged_attitude_changes_nothing_when_rejected(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["unsigned", "wrong"])
-@pytest.mark.parametrize("unsigned", ["accept", "flag", None])
+@pytest.mark.parametrize("unsigned", one_in(2, ["accept", "flag", None], swept=False))
 def test_otherwise_it_raises_an_alarm_and_is_told(kind: str, unsigned: str | None) -> None:
     """So that the test above is of something; unsigned frames among signed ones are told in any case."""
     entry, events = judged(merged(flown(), FORGERIES[kind]()), unsigned)

@@ -66,6 +66,7 @@ def test_a_step_is_told_once_and_a_nudge_not(clock: SetClock) -> None:
         assert watched.step_us() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step_s", one_in(3, (HOUR_S, -5.0, -HOUR_S)))
 def test_nothing_is_lost_and_the_alarms_are_right(
     step_s: float, clock: SetClock, sender: tuple[NetworkUri, socket.socket], tmp_path: Path
@@ -114,6 +115,7 @@ def test_a_clock_set_back_hides_no_silence(clock: SetClock, sender: tuple[Networ
     assert names.index("stream_stale") < names.index("vehicle_lost")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step_s", one_in(7, (-5.0, -HOUR_S, -30.0, -0.5, 0.5, 5.0, HOUR_S)))
 @pytest.mark.parametrize(("name", "start_s"), one_in(2, (("a_copter_square", 20), ("p_px4_quad_square", 0))))
 def test_a_recording_across_a_step(name: str, start_s: float, step_s: float) -> None:

@@ -25,6 +25,7 @@ from gcs_bridge.links.loop import listen
 from gcs_bridge.links.open import open_link
 from gcs_bridge.links.uri import NetworkUri, SerialUri
 from gcs_bridge.mavlink.scanner import RawFrame
+from tests.helpers.everyday import one_in
 from tests.helpers.live_links import (
     Event,
     Live,
@@ -98,7 +99,7 @@ def recorded(tlog: bytes) -> tuple[list[dict[str, Any]], list[tuple[Any, ...]]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FLIGHTS)
+@pytest.mark.parametrize("name", one_in(2, FLIGHTS))
 def test_live_is_recorded_over_udp(name: str, recording: Recording) -> None:
     """The alarms of `check`, at the same boot times; and the file that was recorded gives them again."""
     flight, n_alarms = FLIGHTS[name]
@@ -114,7 +115,7 @@ def test_live_is_recorded_over_udp(name: str, recording: Recording) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "cut"), [("two vehicles", None), ("a reboot", 61)])
+@pytest.mark.parametrize(("name", "cut"), one_in(2, [("a reboot", 61), ("two vehicles", None)]))
 def test_live_is_recorded_over_tcp(name: str, cut: int | None, recording: Recording) -> None:
     """The same where the bytes are a stream, cut at frames or anywhere."""
     flight, n_alarms = FLIGHTS[name]
@@ -373,6 +374,7 @@ def test_where_judging_costs_much_it_is_done_less_often() -> None:
     assert len(monitor.batches) < lasts_s / 0.007 + 2
 
 
+@pytest.mark.slow
 def test_a_fast_link_beside_a_slow_one() -> None:
     """However much comes on one, the other is asked with each batch: no flood makes it wait for two."""
     (fast, fast_uri), (slow, slow_uri) = udp_link(), udp_link()

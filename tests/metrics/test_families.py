@@ -144,6 +144,7 @@ def test_nothing_yet() -> None:
 # --- counters --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_counters_never_go_back() -> None:
     """Late frames, a lost vehicle that returns, a link that closes and opens, a restart, damage: all only count on."""
     run = Run()
@@ -193,6 +194,7 @@ def test_a_link_that_has_gone() -> None:
 # --- who is listed ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_two_links() -> None:
     """The same vehicle on both has its series on each, under the link's name."""
     run = Run("udpin:0.0.0.0:14550", "/dev/ttyACM0")
@@ -209,6 +211,7 @@ def test_two_links() -> None:
     assert seen.one("alarms_total", link="udpin:0.0.0.0:14550", check="euler_quaternion", severity="alarm") == 0
 
 
+@pytest.mark.slow
 def test_made_up_vehicles_have_no_series() -> None:
     """Some with enough to be judged, hundreds with a heartbeat: as many series as vehicles that may be listed.
 

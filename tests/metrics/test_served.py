@@ -136,6 +136,7 @@ def test_a_loop_that_does_not_come_round_is_no_healthy_one(loop: Loop, monkeypat
     assert scraped(loop.server.url).one("link_up") == 1
 
 
+@pytest.mark.slow
 def test_many_at_once(loop: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whole answers for all, and for none of them a counter that goes back, while frames come."""
     monkeypatch.setattr(published, "_YOUNG_S", 0.0)
@@ -179,6 +180,7 @@ def test_at_one_address_alone(loop: Loop) -> None:
         socket.create_connection(("127.0.0.2", int(loop.server.url.rpartition(":")[2].partition("/")[0])))
 
 
+@pytest.mark.slow
 def test_a_closed_port_is_free_again(loop: Loop) -> None:
     """At once, also behind somebody who had read."""
     scraped(loop.server.url)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from gcs_bridge.pages.thinned import Thinned
+from tests.helpers.everyday import searched
 
 
 def test_few_rows_stay_as_they_are() -> None:
@@ -19,7 +20,7 @@ def test_few_rows_stay_as_they_are() -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=20, deadline=None)
+@searched(20)
 @given(st.integers(0, 2**32), st.integers(20_000, 200_000), st.integers(100, 20_000))
 def test_no_peak_is_lost_and_the_length_is_bounded(seed: int, n: int, piece: int) -> None:
     """Beside each row that is left out, within a 300th of the time, stay one that is as high and one that is as low."""

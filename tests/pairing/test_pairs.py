@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
@@ -16,6 +16,7 @@ from gcs_bridge.pairing.pairs import Aligner, Pairs
 from gcs_bridge.settings import AlignmentSettings, ResetSettings
 from gcs_bridge.telemetry.samples import ATTITUDE, ATTITUDE_QUATERNION, AttitudeSamples
 from tests.helpers import wire
+from tests.helpers.everyday import one_in, searched
 
 Array = NDArray[np.float64]
 EULER, QUATERNION = 0, 1
@@ -88,7 +89,10 @@ def degrees_between(a: Array, b: Array) -> Array:
 
 @pytest.mark.parametrize(
     ("fast_ms", "slow_ms", "speed", "p99_deg"),
-    [(20, 100, 1.0, 0.002), (40, 100, 1.0, 0.02), (100, 250, 1.0, 0.2), (100, 250, 3.0, 0.7), (250, 500, 0.5, 1.0)],
+    one_in(
+        2,
+        [(20, 100, 1.0, 0.002), (40, 100, 1.0, 0.02), (100, 250, 1.0, 0.2), (100, 250, 3.0, 0.7), (250, 500, 0.5, 1.0)],
+    ),
 )
 @pytest.mark.parametrize("faster", [EULER, QUATERNION])
 def test_the_faster_stream_interpolated_is_near_the_truth(
@@ -351,7 +355,7 @@ def test_a_sample_whose_partner_was_overtaken_meets_it_after_all() -> None:
 
 
 @pytest.mark.parametrize("shift", [[0], [0, 0, 3, 0, 11, 0, 0, 0, 30]])
-@pytest.mark.parametrize(("euler_ms", "quaternion_ms"), [(40, 40), (40, 100), (250, 40), (100, 130)])
+@pytest.mark.parametrize(("euler_ms", "quaternion_ms"), one_in(3, [(40, 40), (40, 100), (250, 40), (100, 130)]))
 def test_each_sample_of_the_slower_stream_is_judged_once(euler_ms: int, quaternion_ms: int, shift: list[int]) -> None:
     """However late some come, where no instant is shared: none twice, and in the order in which they were completed."""
     motion = wire.Motion(30, seed=11)
@@ -412,7 +416,7 @@ _motion = wire.Motion(200, seed=15, speed_rad_s=2.0)
 
 
 @pytest.mark.slow
-@settings(max_examples=60, derandomize=True)
+@searched(60)
 @given(_moves, st.lists(st.integers(0, 400), max_size=12))
 def test_the_cut_into_batches_changes_no_bit(moves: list[tuple[int, int, int, float, int]], cuts: list[int]) -> None:
     """Whole, in pieces, or sample by sample: the same pairs, attitudes, bounds and times, bit for bit."""

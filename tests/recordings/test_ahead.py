@@ -9,6 +9,7 @@ import pytest
 import gcs_bridge
 from gcs_bridge.recordings import source
 from gcs_bridge.recordings.ahead import ahead
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import ROOT
 
 DAMAGED = ROOT / "sitl_fixtures" / "h_lossy_dirty.tlog"
@@ -59,7 +60,8 @@ def test_who_stops_early_leaves_no_thread_at_work() -> None:
     assert made.asked <= 2
 
 
-@pytest.mark.parametrize("piece", [701, 10_007, 10**9])
+@pytest.mark.slow
+@pytest.mark.parametrize("piece", one_in(3, [701, 10_007, 10**9]))
 def test_a_damaged_recording_is_judged_alike_in_two_threads_and_in_one(
     piece: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -71,10 +71,9 @@ def of_the_two_forms(vehicle: Json) -> list[Json]:
 def messages(data: bytes) -> Iterator[tuple[int, bytes, Any]]:
     """(record time, frame, pymavlink's message), the message None but for the two attitudes."""
     parser = mavlink.MAVLink(None)
-    parser.robust_parsing = True
     for t_us, frame in records(data):
         compared = frame[0] == 0xFD and frame[7:10] in (b"\x1e\0\0", b"\x1f\0\0")
-        yield t_us, frame, parser.parse_buffer(frame)[0] if compared else None
+        yield t_us, frame, parser.decode(bytearray(frame)) if compared else None
 
 
 def rewritten(data: bytes, change: Callable[[Any], bytes | None]) -> bytes:
@@ -105,7 +104,7 @@ def disagreement(data: bytes) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize("fault", one_in(3, ["quaternion_xyzw", "quaternion_conjugate", "yaw_offset:25"]))
-@pytest.mark.parametrize("name", FLIGHTS)
+@pytest.mark.parametrize("name", one_in(2, FLIGHTS[::-1], swept=False))
 def test_one_alarm_in_time(name: str, fault: str) -> None:
     """A fault from second 12 on raises exactly one alarm of the two forms, within 1.5 s of vehicle time of where SciPy
     sees it, with its cause; nothing else comes before it.
@@ -124,7 +123,7 @@ def test_one_alarm_in_time(name: str, fault: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FLIGHTS)
+@pytest.mark.parametrize("name", one_in(2, FLIGHTS))
 def test_a_yaw_error_is_told_as_heading(name: str) -> None:
     """25° of yaw is 25° of heading and no tilt, in acro at 89.85° of pitch as well: never roll or pitch."""
     _, _, vehicle = faulty_from_12_s(name, "yaw_offset:25")
@@ -138,7 +137,7 @@ def test_a_yaw_error_is_told_as_heading(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FLIGHTS)
+@pytest.mark.parametrize("name", one_in(2, FLIGHTS))
 def test_a_fault_that_ends_clears_its_alarm(name: str) -> None:
     """The same yaw error from second 12 to 20 raises one alarm, cleared two to three seconds after its last pair."""
     data = falsified(name, "yaw_offset:25", from_s=12.0, to_s=20.0)
@@ -150,7 +149,7 @@ def test_a_fault_that_ends_clears_its_alarm(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("thinned", [("thin:ATTITUDE=10",), ("thin:ATTITUDE=10", "thin:ATTITUDE_QUATERNION=4")])
-@pytest.mark.parametrize("name", FLIGHTS)
+@pytest.mark.parametrize("name", one_in(2, FLIGHTS))
 def test_in_time_at_common_rates(name: str, thinned: Sequence[str]) -> None:
     """At the rates that most users have, 10 and 4 Hz, 25° of yaw is one alarm too, within a second and four periods."""
     data = falsified(name, *thinned, "yaw_offset:25", from_s=12.0)
@@ -172,7 +171,7 @@ UNTURNED = {"quaternion_unnormalised", "euler_rates"}
 CAUSE_NAMES = [c.name for c in CAUSES.values() if c.falsify is not None and c.name not in UNTURNED]
 
 
-@pytest.mark.parametrize("cause", one_in(8, CAUSE_NAMES))
+@pytest.mark.parametrize("cause", one_in(12, CAUSE_NAMES))
 def test_every_cause_raises_an_alarm_in_acro(cause: str) -> None:
     """In acro every mistake of the table shows, and gets its name: an alarm behind its onset and none before."""
     vehicle = judged(falsified("b_copter_acro", cause, from_s=20.0))[1]
@@ -298,7 +297,7 @@ def apart(name: str, every: int) -> bytes:
 
 
 @pytest.mark.parametrize("every", one_in(4, [2, 4, 12, 25]))
-@pytest.mark.parametrize("name", [*FLIGHTS, "b2_mixed_rates", "k12_yaw_reset"])
+@pytest.mark.parametrize("name", one_in(2, [*FLIGHTS, "b2_mixed_rates", "k12_yaw_reset"], swept=False))
 def test_forms_that_never_meet(name: str, every: int) -> None:
     """Where the two never share an instant, down to 1 or 2 Hz in acro, what interpolation cannot know is no alarm."""
     vehicle = judged(apart(name, every))[1]
@@ -314,7 +313,7 @@ def test_nothing_is_interpolated_across_a_reset() -> None:
     assert check["residual"]["max"] < 0.1
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", one_in(3, range(6)))
 def test_loss_at_random(seed: int) -> None:
     """Wherever 20 % of the messages are lost, in acro and in both streams, there is no alarm."""
     vehicle = judged(falsified("b_copter_acro", "loss:0.2", seed=seed))[1]

@@ -14,6 +14,7 @@ from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.recordings import source
 from gcs_bridge.recordings.read import Recording
 from tests.helpers import wire
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES, ROOT
 
 
@@ -32,7 +33,7 @@ def columns(recording: Recording) -> dict[tuple[int, int, str, str], tuple[str, 
     return found
 
 
-@pytest.mark.parametrize("name", ["e_two_vehicles", "f_reboot", "h_lossy_dirty"])
+@pytest.mark.parametrize("name", one_in(3, ["e_two_vehicles", "f_reboot", "h_lossy_dirty"]))
 def test_the_size_of_the_pieces_changes_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A reboot and damage included: what waits at the end of a piece is gone on with in the next."""
     whole = columns(gcs_bridge.read(FIXTURES / f"{name}.tlog"))

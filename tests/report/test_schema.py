@@ -30,7 +30,7 @@ def validator(of: Literal["report", "event"]) -> jsonschema.Draft202012Validator
     return jsonschema.Draft202012Validator(schema)
 
 
-@pytest.mark.parametrize("recording", one_in(5, RECORDINGS), ids=lambda path: path.name)
+@pytest.mark.parametrize("recording", one_in(9, RECORDINGS), ids=lambda path: path.name)
 def test_reports_and_events_keep_to_the_schema(recording: Path) -> None:
     """By jsonschema, and by decoding into the structs and back: no key is missing, none is there beside."""
     monitor, data = gcs_bridge.Monitor(), recording.read_bytes()

@@ -167,6 +167,7 @@ def test_one_vehicle_at_80_by_24(tmp_path: Path) -> None:
 
 @has_tmux
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_sixteen_vehicles() -> None:
     """Each has its chip, and its row where there is room; keys go to the next one; no colour where none is wanted."""
     attitudes = [(float(-20 + sysid), 2.0, float(10 * sysid)) for sysid in range(1, 17)]

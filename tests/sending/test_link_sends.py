@@ -44,6 +44,7 @@ def gone(link: Link) -> None:
     link.wait(0.05)
 
 
+@pytest.mark.slow
 def test_a_tcp_link_that_returns_may_still_send() -> None:
     """Nothing is sent, nor kept, while it is down; a frame sent in part is not ended for who comes next."""
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -67,6 +68,7 @@ def test_a_tcp_link_that_returns_may_still_send() -> None:
                 assert second.recv(99) == b"two"
 
 
+@pytest.mark.slow
 def test_a_tcp_server_sends_to_the_client_that_is_there() -> None:
     """Before one comes, and between two, there is nobody."""
     port = free_port(socket.SOCK_STREAM)

@@ -21,6 +21,7 @@ from tools.site_pages import PAGES
 
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.sweep,  # a build of its own: a step of .ci/run
     pytest.mark.skipif(importlib.util.find_spec("furo") is None, reason="needs the extra 'docs'"),
 ]
 

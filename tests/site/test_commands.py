@@ -14,7 +14,8 @@ from tools.captures import NOT_RUN, TABLES, prepare, run, same_parts, typed, wor
 from tools.site_pages import PAGES, all_commands, as_shown, inline_code
 
 EVERYDAY = ("docs/quick-start.md",)
-"""The others are slow."""
+SWEPT = ("docs/inject.md", "docs/jobs.md", "docs/wrong-attitude.md")
+"""Those whose commands take longest; all others are slow."""
 
 SHOWN_BY = (sys.platform, platform.machine()) == ("linux", "x86_64")
 """Whether this is a machine as the pages' outputs are of: elsewhere the last digit of noise may be another."""
@@ -38,7 +39,12 @@ def understood(line: str) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pages speak to the shells of Linux and macOS")
 @pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=[] if page in EVERYDAY else [pytest.mark.slow]) for page in PAGES if typed(page)]
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.slow] * (page not in EVERYDAY) + [pytest.mark.sweep] * (page in SWEPT))
+        for page in PAGES
+        if typed(page)
+    ],
 )
 def test_a_page_s_commands_run_and_say_what_it_shows(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

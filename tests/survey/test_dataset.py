@@ -17,6 +17,7 @@ from gcs_bridge.survey import parts
 from gcs_bridge.survey import run as run_module
 from gcs_bridge.survey.dataset import Dataset
 from gcs_bridge.survey.task import Result, Task, survey_one
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES
 from tests.helpers.surveyed import DIGEST, handmade, rows, surveyed, surveyed_into
 
@@ -62,7 +63,7 @@ def test_a_survey_again_judges_nothing(flights: Path, tmp_path: Path, judged: li
     assert again.codes == first.codes
 
 
-@pytest.mark.parametrize("at", [1, 4])
+@pytest.mark.parametrize("at", one_in(2, [1, 4]))
 def test_killed_and_gone_on_with(
     at: int, flights: Path, tmp_path: Path, judged: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -86,6 +87,7 @@ def test_killed_and_gone_on_with(
     assert sorted(judged) == sorted(row["path"] for row in rows(left, "recordings"))
 
 
+@pytest.mark.slow
 def test_killed_in_the_middle_of_a_line(flights: Path, tmp_path: Path, judged: list[str]) -> None:
     """What was written half is judged anew, and nothing else is."""
     out = tmp_path / "out"
@@ -101,7 +103,7 @@ def test_killed_in_the_middle_of_a_line(flights: Path, tmp_path: Path, judged: l
     assert len(rows(out, "recordings")) == 5
 
 
-@pytest.mark.parametrize("table", ["alarms", "checks", "recordings", "none"])
+@pytest.mark.parametrize("table", one_in(4, ["alarms", "checks", "recordings", "none"], swept=False))
 def test_killed_between_the_tables(table: str, flights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A part of some tables is there, of others not: in the end there is each row once."""
     out, write = tmp_path / "out", parts.write_part
@@ -143,6 +145,7 @@ def test_parts_fill_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert [row["content"] for row in rows(tmp_path, "recordings")] == [f"{a}{b}" for a in range(3) for b in range(3)]
 
 
+@pytest.mark.slow
 def test_moved_copied_and_touched(flights: Path, tmp_path: Path, judged: list[str]) -> None:
     """They are known by what is in them; a changed byte makes another recording."""
     out = tmp_path / "out"
@@ -165,6 +168,7 @@ def test_two_copies_in_one_survey(tmp_path: Path) -> None:
     assert len(rows(tmp_path / "out", "recordings")) == 1
 
 
+@pytest.mark.slow
 def test_other_settings_judge_anew(flights: Path, tmp_path: Path, judged: list[str]) -> None:
     """What they judged is kept beside it, and is there again when they are asked for again."""
     out, one = tmp_path / "out", sorted(flights.iterdir())[:1]
@@ -198,6 +202,7 @@ def test_what_is_packed(tmp_path: Path, judged: list[str]) -> None:
     assert len(judged) == 3
 
 
+@pytest.mark.slow
 def test_one_of_an_archive(tmp_path: Path) -> None:
     """What is named of it is judged; the rest is not known by that."""
     with zipfile.ZipFile(tmp_path / "two.zip", "w") as archive:
@@ -225,6 +230,7 @@ def test_what_is_no_file(tmp_path: Path) -> None:
     assert surveyed([strange], tmp_path / "out").judged == 0
 
 
+@pytest.mark.slow
 def test_failures_are_tried_twice_and_told(flights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Others are judged; the next survey tries it again."""
     (flights / "empty.tlog").touch()

@@ -65,6 +65,7 @@ def web(files: Path, asked_for: list[str]) -> Iterator[str]:
         thread.join()
 
 
+@pytest.mark.slow
 def test_over_http(web: str, tmp_path: Path, asked_for: list[str]) -> None:
     """A folder that the server lists, and a file of it by name; known again without being sent again."""
     out = tmp_path / "out"
@@ -78,6 +79,7 @@ def test_over_http(web: str, tmp_path: Path, asked_for: list[str]) -> None:
     assert not [line for line in asked_for if line.startswith("GET") and line.endswith((".tlog", ".zip"))]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_read_over_http(web: str, tmp_path: Path) -> None:
     """One line each, and nothing else is lost."""
     with socket.socket() as silent:  # it has a port, and listens to nobody
@@ -138,6 +140,7 @@ def s3(files: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_over_s3(s3: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All below a prefix; known again by their ETags; without credentials it is told what to do."""
     import s3fs

@@ -5,13 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_bridge.mavlink.dialect import load_dialect
 from gcs_bridge.mavlink.scan import FRAME
 from gcs_bridge.telemetry.clocks import BOOT, FRAME_INDEX, RECEIVED, T_BOOT_US, BootClock
 from gcs_bridge.telemetry.sorting import FrameSorter
+from tests.helpers.everyday import searched
 
 START_US = 1_700_000_000_000_000
 DAY_MS = 86_400_000
@@ -246,7 +247,7 @@ _moves = st.lists(
 
 
 @pytest.mark.slow
-@settings(max_examples=300, derandomize=True)
+@searched(300)
 @given(
     st.sampled_from([0, 5000, 2**31, 2**32 - 2000, 2**32 - 1]),
     _moves,

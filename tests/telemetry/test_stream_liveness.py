@@ -5,12 +5,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_bridge.settings import StreamSettings
 from gcs_bridge.telemetry.link_clock import HEARD_US, NEVER_US, LinkClock
 from gcs_bridge.telemetry.stream_liveness import OTHER, Liveness, StreamChange, Timeline
+from tests.helpers.everyday import searched
 
 START_US = 1_700_000_000_000_000
 EULER, QUATERNION = 0, 1
@@ -218,7 +219,7 @@ _steps = st.lists(
 
 
 @pytest.mark.slow
-@settings(max_examples=400, derandomize=True)
+@searched(400)
 @given(_steps, st.lists(st.integers(0, 240), max_size=10), st.sampled_from([40, 100, 700]))
 def test_the_cut_into_batches_changes_nothing(
     steps: list[tuple[int, int, int, int, int]], cuts: list[int], period_ms: int

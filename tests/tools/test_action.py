@@ -138,6 +138,7 @@ def test_an_alarm_fails_the_job_and_is_commented(faulty: Path) -> None:
     assert "PATCH repos/me/drone/issues/comments/1234" in again.gh[-1]
 
 
+@pytest.mark.sweep
 def test_a_token_that_may_not_comment_changes_no_verdict(faulty: Path) -> None:
     """As on a pull request from a fork: a run that agrees passes, with a warning."""
     ran = run(faulty, refused=True, recordings="logs/good.tlog", comment="true")

@@ -54,7 +54,7 @@ def apart_deg(xyzw: Array, other: Rotation) -> Array:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "fault", ["yaw_offset:25", "mount_offset:0,20,5", "quaternion_xyzw", "roll_sign", "time_skew:150"]
+    "fault", one_in(2, ["yaw_offset:25", "mount_offset:0,20,5", "quaternion_xyzw", "roll_sign", "time_skew:150"])
 )
 def test_once_diagnosed_the_corrected_triad_falls_onto_the_right_one(fault: str, tmp_path: Path) -> None:
     """It is where the vehicle really was, to 0.1°, at each of the faulty side's samples; the ghost is by ATTITUDE."""
@@ -103,7 +103,7 @@ def test_two_mistakes_on_both_sides_are_undone_together(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", ["quaternion_conjugate", "world_offset:4,0,0", "roll_pitch_swapped"])
+@pytest.mark.parametrize("fault", one_in(3, ["quaternion_conjugate", "world_offset:4,0,0", "roll_pitch_swapped"]))
 def test_beside_an_untold_trim_the_mistake_is_undone(tmp_path: Path, fault: str) -> None:
     """A copter with an AHRS_TRIM that nobody tells: the corrected triad shows the quaternion as it should be."""
     trimmed = (FIXTURES / "j_ahrs_trim5.tlog").read_bytes()
@@ -160,7 +160,7 @@ def test_a_turn_about_the_nose_is_shown_by_the_right_wing(tmp_path: Path) -> Non
     assert labels[0] == "20.0° tilt, about body x (roll)"
 
 
-@pytest.mark.parametrize("name", one_in(2, ["b_copter_acro", "c_copter_4hz", "j_ahrs_trim5", "a_copter_square"]))
+@pytest.mark.parametrize("name", one_in(4, ["b_copter_acro", "c_copter_4hz", "j_ahrs_trim5", "a_copter_square"]))
 def test_a_healthy_flight_has_no_ghost(name: str, tmp_path: Path) -> None:
     """Neither in acro, nor at 4 Hz, nor with a trim of 5° that the firmware takes off ATTITUDE."""
     recording, _ = drawn((FIXTURES / f"{name}.tlog").read_bytes(), tmp_path / "a.rrd")
@@ -168,6 +168,7 @@ def test_a_healthy_flight_has_no_ghost(name: str, tmp_path: Path) -> None:
         assert recording.rows(entity, component)[1] == []
 
 
+@pytest.mark.slow
 def test_a_trim_is_no_ghost_once_it_is_explained(tmp_path: Path) -> None:
     """A pitch trim of 3° that was never told is known from the third pair on: what it showed until then is cleared."""
     recording, _ = drawn((FIXTURES / "d_plane_pitchtrim3.tlog").read_bytes(), tmp_path / "a.rrd")
@@ -176,6 +177,7 @@ def test_a_trim_is_no_ghost_once_it_is_explained(tmp_path: Path) -> None:
     assert (recording.rows(f"{BODY}/apart", CLEAR)[0] < solid_us[5]).tolist() == [True]
 
 
+@pytest.mark.slow
 def test_a_mistake_that_cannot_be_undone_has_no_corrected_triad(tmp_path: Path) -> None:
     """What was lost does not come back: of a frozen quaternion there is a ghost, and nothing falls onto it."""
     recording, events = drawn(flown("frozen_quaternion"), tmp_path / "a.rrd")
@@ -212,6 +214,7 @@ def test_what_a_diagnosis_leaves_open_is_named_and_what_it_does_not_tell_is_not_
         assert undoing(named(*causes, value=1.0)) is None
 
 
+@pytest.mark.slow
 def test_what_is_over_goes(tmp_path: Path) -> None:
     """Behind the fault's last pair the ghost is cleared, and the corrected triad with its alarm."""
     recording, events = drawn(flown("yaw_offset:25", until_s=14.0), tmp_path / "a.rrd")
@@ -272,6 +275,7 @@ def test_a_new_boot_begins_with_nothing_shown(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_however_the_bytes_are_cut_the_same_is_drawn(tmp_path: Path) -> None:
     """Ghost, arc, corrected triad and what is cleared: of a fault that comes and goes, whole and in 100 pieces."""
     data = flown("yaw_offset:25", until_s=14.0)
@@ -309,6 +313,7 @@ def tailsitter(offset: Any) -> bytes:
     return wire.tlog(records)
 
 
+@pytest.mark.slow
 def test_a_display_offset_turns_what_is_drawn_and_nothing_that_is_compared(tmp_path: Path) -> None:
     """Nose up, and displays turn it down by 90°: the airframe is level, the attitude nose up, and both forms agree."""
     turned = (math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0)
@@ -329,6 +334,7 @@ def test_a_display_offset_turns_what_is_drawn_and_nothing_that_is_compared(tmp_p
     assert small
 
 
+@pytest.mark.slow
 def test_a_real_tailsitter_in_forward_flight_is_drawn_lying(tmp_path: Path) -> None:
     """PX4's, by pymavlink's own reading: its nose is straight down by q, and near the horizon as it is drawn."""
     path = FIXTURES / "k13b_px4_tailsitter_fw.tlog"

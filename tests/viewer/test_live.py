@@ -62,6 +62,7 @@ def drawn_live(path: Path, attitudes: dict[int, Rotation]) -> Drawn:
 FLEET = {1: Rotation.from_euler("ZYX", (10, 20, 30), degrees=True), 2: Rotation.from_euler("X", -45, degrees=True)}
 
 
+@pytest.mark.slow
 def test_all_that_moves_on_a_live_link_is_told_at_one_entity(tmp_path: Path) -> None:
     """Of two vehicles each attitude at its time is SciPy's, and lies in the frame of its vehicle's body."""
     drawn = drawn_live(tmp_path / "a.rrd", FLEET)

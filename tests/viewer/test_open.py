@@ -101,6 +101,7 @@ def test_without_rerun_what_only_draws_is_refused(
     assert "rerun is not installed: pip install rerun-sdk" in line
 
 
+@pytest.mark.slow
 def test_without_rerun_all_else_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -172,6 +173,7 @@ def test_no_free_port_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -
             free_port(taken)
 
 
+@pytest.mark.slow
 def test_a_page_whose_port_is_taken_meanwhile_is_told() -> None:
     """Whoever was quicker: it is one line that says what to do, and nothing else ends."""
     said: list[str] = []

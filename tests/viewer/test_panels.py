@@ -14,6 +14,7 @@ from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from gcs_bridge.viewer.horizon import horizon_poses
 from tests.helpers import wire
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES
 from tests.helpers.viewer_tools import Drawn, drawn
 
@@ -52,7 +53,7 @@ def states(recording: Drawn, entity: str) -> list[tuple[float, str]]:
     return [(t_us / 1e6, value[0]) for t_us, value in zip(times.tolist(), values, strict=True)]
 
 
-@pytest.mark.parametrize("pieces", [1, 12])
+@pytest.mark.parametrize("pieces", one_in(2, [1, 12]))
 def test_no_line_crosses_the_plot_where_the_yaw_wraps(tmp_path: Path, pieces: int) -> None:
     """From 170.5° by 1° to 219.5°, which is −140.5°: one gap, behind 179.5°, and roll and pitch have none."""
     recording = written(turning(along(50, yaw=170.5 + np.arange(50))), tmp_path / "a.rrd", pieces)
@@ -76,6 +77,7 @@ def test_a_bar_marks_where_roll_and_yaw_mean_little(tmp_path: Path) -> None:
         assert boot_us[0] == 1_600_000
 
 
+@pytest.mark.slow
 def test_a_hundredth_and_ninety_degrees_are_read_on_one_scale(tmp_path: Path) -> None:
     """Powers of ten of degrees: 0.01° is −2, 90° is 1.954, the limit of 0.52° −0.284, nothing −4."""
     for apart_deg, power in ((0.01, -2.0), (90.0, np.log10(90.0))):
@@ -190,6 +192,7 @@ def test_an_alarm_is_told_whole(tmp_path: Path) -> None:
     assert fix in whole
 
 
+@pytest.mark.slow
 def test_how_the_streams_arrive_is_counted_by_the_second(tmp_path: Path) -> None:
     """25 Hz, but no quaternion from 3.0 s to 3.6 s: then 10 in that second, and 0.64 s from one to the next."""
     records = [
@@ -227,6 +230,7 @@ def test_rates_stand_beside_the_gyros(tmp_path: Path) -> None:
     assert rates[-1] == pytest.approx([0, 0, 12, 0, 0, 10], abs=1e-4)
 
 
+@pytest.mark.slow
 def test_after_a_reboot_the_lanes_tell_what_is_judged(tmp_path: Path) -> None:
     """The second boot's first pair comes before the news of the reboot: it is judged and agrees all the same."""
     recording, _ = drawn((FIXTURES / "f_reboot.tlog").read_bytes(), tmp_path / "a.rrd")

@@ -91,6 +91,7 @@ def test_a_saved_recording_passes_reruns_own_check(acro: Path) -> None:
     assert [path.name for path in acro.parent.iterdir()] == ["acro.rrd"]
 
 
+@pytest.mark.slow
 def test_the_disagreement_of_a_turned_quaternion_is_drawn_with_its_limit(tmp_path: Path) -> None:
     """Yaw 25° against yaw 0°: angle and heading 25°, tilt 0°, limit 0.52° at one instant; then an alarm, red."""
     turned = wire.wxyz(Rotation.from_euler("Z", 25, degrees=True))
@@ -141,6 +142,7 @@ def test_the_motion_is_drawn_with_units_and_bounds(tmp_path: Path) -> None:
     assert np.isnan(displacement[20]).all()
 
 
+@pytest.mark.slow
 def test_down_by_the_accelerometer_is_drawn_in_the_world(tmp_path: Path) -> None:
     """A level vehicle with its nose east feels as much force to its left as upwards: its down seems 45° to the south.
 
@@ -281,6 +283,7 @@ def test_the_state_is_the_worst_that_is_raised(tmp_path: Path) -> None:
     assert states == [[state] for *_, state in story]
 
 
+@pytest.mark.slow
 def test_each_boot_has_a_clock_of_its_own(tmp_path: Path) -> None:
     """After a reboot the boot time begins again: on one timeline both flights would lie over each other."""
     path = tmp_path / "a.rrd"
@@ -297,6 +300,7 @@ def test_each_boot_has_a_clock_of_its_own(tmp_path: Path) -> None:
     assert [state for (state,), _ in itertools.groupby(states)] == told
 
 
+@pytest.mark.slow
 def test_vehicles_stand_side_by_side(tmp_path: Path) -> None:
     """Each has its entities and a place of its own."""
     path = tmp_path / "a.rrd"

@@ -18,6 +18,7 @@ from gcs_bridge.viewer.places import NAME_AT, UNDONE_AT, eye_of, lift_of, place_
 from gcs_bridge.viewer.processes import free_port
 from gcs_bridge.viewer.scene import LEGEND
 from tests.helpers import wire
+from tests.helpers.everyday import one_in
 from tests.helpers.paths import FIXTURES
 from tests.helpers.viewer_tools import HEADLESS_PORT, Drawn, Picture, can_draw, drawn, headless
 
@@ -133,7 +134,7 @@ def test_each_type_of_mavlink_has_a_shape() -> None:
     assert {shapes[name] for name in ("generic", "gcs", "balloon") if name in shapes} == {"other"}
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", one_in(3, SHAPES, swept=False))
 def test_front_back_top_and_bottom_look_unlike(shape: str) -> None:
     """What lies furthest forward is yellow, nothing behind is; left is like right; a bottom is darker than a top."""
     grey = (143, 163, 181)

@@ -71,6 +71,7 @@ def feed(monitor: Monitor, sink: ViewerSink, records: list[tuple[int, bytes]]) -
         sink.events(monitor.feed(b"".join(frame for _, frame in some), some[-1][0]))
 
 
+@pytest.mark.slow
 @can_draw
 def test_the_viewer_turns_bodies_as_scipy_does(tmp_path: Path, port: int) -> None:
     """At chosen instants of an acro flight, through the pole too, the viewer's own matrices are SciPy's, for both."""
@@ -242,6 +243,7 @@ class Flight:
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 @can_draw
 def test_no_viewer_or_a_killed_one_neither_stops_nor_slows_nor_grows_us(port: int) -> None:
     """Once the server's history is full, a flight adds nothing: nobody looking, and after who looked died."""
@@ -325,6 +327,7 @@ def still(rpy_deg: tuple[float, float, float], from_s: int, seconds: int) -> lis
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 @can_draw
 @has_browser
 def test_the_page_shows_the_attitudes_in_a_browser_and_asks_no_other_machine() -> None:
