@@ -72,6 +72,7 @@ def cluster(tmp_path: Path) -> Iterator[Running]:
 
 
 @pytest.mark.slow
+@pytest.mark.sweep
 def test_a_worker_that_is_killed_costs_no_recording(cluster: Running, tmp_path: Path) -> None:
     """Two workers; one is killed in the middle. All is judged, as one process judges it."""
     logs = tmp_path / "logs"
