@@ -36,7 +36,7 @@ __all__ = ["LiveOptions", "LiveRun", "LiveTask", "live_options", "refuse_not_pos
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 # So long what comes may gather while no alarm is on its way; where somebody looks on, for some 17 pictures a second.
-_PATIENCE_S, _LOOKED_AT_S = 0.12, 0.055
+_PATIENCE_S, _LOOKED_AT_S = 0.15, 0.055
 _WARM_UP_BYTES = 40_000  # of the bundled recording: a second or two of flight, so every kernel runs once
 
 
