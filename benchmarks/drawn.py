@@ -35,7 +35,7 @@ from gcs_bridge.viewer.served import ServedViewer
 
 VEHICLES = 4
 LIVE_S = 20.0
-BATCH_US = 45_000  # what a live loop takes at a time, while no alarm is on its way
+BATCH_US = 55_000  # what a live loop takes at a time, while no alarm is on its way and somebody looks on
 CHUNK_US = 5_000_000  # and `replay`
 _RERUN = [sys.executable, "-m", "rerun_cli"]
 _QUIET = {**os.environ, "CI": "1", "RUST_LOG": "error"}
