@@ -327,11 +327,11 @@ def test_a_flood_does_not_gather_however_calm_it_is() -> None:
     link, uri = udp_link()
     monitor = Taken(calm_s=1.0)
     with taking(monitor, link, patience_s=0.12), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        for _ in range(500):
+        for _ in range(250):
             for message in range(20):
                 sender.sendto(bytes([message]), (uri.host, uri.port))
             time.sleep(0.001)
-        wait_until(lambda: len(monitor.of(0)) + link.dropped == 10_000)
+        wait_until(lambda: len(monitor.of(0)) == 5_000)  # as many have room, should nobody read meanwhile
     sizes = sorted(len(batch) for _, batch in monitor.batches)
     assert sizes[len(sizes) // 2] < 600
 
