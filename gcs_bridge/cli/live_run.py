@@ -177,6 +177,7 @@ class LiveRun:
         )
         for server in metrics:
             server.follow(monitor)
+        patience_s = _LOOKED_AT_S if view or sinks.observer else _PATIENCE_S
         # What is there by now stays: no later collection of garbage goes through it, and holds the loop up meanwhile.
         gc.collect()
         gc.freeze()
@@ -192,8 +193,7 @@ class LiveRun:
                 duration_s=task.duration_s,
                 note=_note,
                 errands=errands,
-                # What is passed on, or answered, waits for nothing.
-                patience_s=0.0 if station else _LOOKED_AT_S if view or sinks.observer else _PATIENCE_S,
+                patience_s=0.0 if station else patience_s,  # what is passed on, or answered, waits for nothing
             )
             notifier.stopping()
         report = _named(monitor.close(), names)

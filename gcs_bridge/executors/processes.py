@@ -106,8 +106,9 @@ class _Context(SpawnContext):
         super().__init__()
         self.process: SpawnProcess | None = None
 
-    # multiprocessing calls it so, as the class that it is there: for a method other names and types are meant.
-    def Process(self, *args: Any, **kwargs: Any) -> SpawnProcess:  # type: ignore[override]  # noqa: N802  # see above
+    def Process(  # type: ignore[override]  # noqa: N802  # multiprocessing has a class of that name there, and calls it
+        self, *args: Any, **kwargs: Any
+    ) -> SpawnProcess:
         """Make one."""
         self.process = SpawnProcess(*args, **kwargs)
         return self.process

@@ -76,8 +76,8 @@ def _importer() -> MachinePart:
             return MachinePart(state="mend", text=f"{_IMPORTER} is not installed", command=again)
         text = f"{_IMPORTER} is not among the programs of PATH, where rerun looks for it"
         return MachinePart(state="mend", text=text, command=f'export PATH="{folder}:$PATH"')
-    asked = [found, os.devnull]  # our own program, as rerun finds and starts it too
-    tried = subprocess.run(asked, capture_output=True, timeout=_PATIENCE_S, check=False)  # noqa: S603  # see above
+    asked = [found, os.devnull]
+    tried = subprocess.run(asked, capture_output=True, timeout=_PATIENCE_S, check=False)  # noqa: S603  # our own program
     if (code := tried.returncode) != INCOMPATIBLE:
         text = f"{found} does not work (exit code {code}): it may be another version's"
         return MachinePart(state="mend", text=text, command=f"{found} {os.devnull}")

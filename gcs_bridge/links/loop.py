@@ -129,7 +129,7 @@ def listen(
                 tell(monitor.answer())
             few = sum(counts) * patience_s <= _FEW * (taken_s - before_s)
             may_wait = few and not monitor.is_asked and all(link.tells_arrival for link in links)
-            calm_s = min(patience_s, monitor.calm_s() / _CALM_SHARE) if patience_s and may_wait else 0.0
+            calm_s = min(patience_s, monitor.calm_s() / _CALM_SHARE) if may_wait else 0.0
             for errand in errands:
                 errand.run()
             if taken_s - ticked_s >= _TICK_S:

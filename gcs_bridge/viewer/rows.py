@@ -83,7 +83,7 @@ class Rows:
         """What there is beside attitudes and poses; None: nothing."""
         if not (self.attitudes or self.poses):
             return self
-        if not (self.numbers or self.arrows or self.strips or self.geo_points or self.geo_strips):
+        if len(self.paths) == len(self.attitudes) + len(self.poses):
             return None
         return replace(self, attitudes={}, poses={})
 
