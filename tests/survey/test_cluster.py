@@ -77,7 +77,7 @@ def test_a_worker_that_is_killed_costs_no_recording(cluster: Running, tmp_path: 
     """Two workers; one is killed in the middle. All is judged, as one process judges it."""
     logs = tmp_path / "logs"
     logs.mkdir()
-    for number in range(12):
+    for number in range(24):
         (logs / f"{number:02d}.tlog").write_bytes(DATA[:-1] + bytes([number]))
     workers = [cluster.worker(), cluster.worker()]
     left = [3]
@@ -92,7 +92,7 @@ def test_a_worker_that_is_killed_costs_no_recording(cluster: Running, tmp_path: 
     with Cluster(cluster.address, patience_s=PATIENCE_S) as executor, Watched(tmp_path / "out", "1", DIGEST) as dataset:
         executor._client.wait_for_workers(2, timeout=PATIENCE_S)
         ran = surveyed_into(dataset, [logs], executor=executor)
-    assert (ran.judged, ran.failures) == (12, [])
+    assert (ran.judged, ran.failures) == (24, [])
     assert workers[0].wait(PATIENCE_S) == -signal.SIGKILL
     with Dataset(tmp_path / "alone", "1", DIGEST) as dataset:
         surveyed_into(dataset, [logs])
