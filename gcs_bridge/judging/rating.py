@@ -24,7 +24,7 @@ from gcs_bridge.telemetry.identity import VehicleId
 from gcs_bridge.telemetry.link_clock import LinkClock
 
 Made = TypeVar("Made")
-_WORTH_IT = 3000  # messages: to judge them takes as long as some ten threads take to begin
+_WORTH_IT = 3000  # messages: of fewer, it is not worth to wake a thread and to wait for it
 
 
 class Beside(Protocol):

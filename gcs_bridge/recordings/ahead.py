@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from threading import Thread
-from typing import Generic, TypeVar
+from queue import SimpleQueue
+from threading import Lock, Thread
+from types import TracebackType
+from typing import Any, Generic, TypeVar
 
 from gcs_bridge.chunks import Chunk
 from gcs_bridge.mavlink.scanner import Scanned, Scanner
@@ -34,30 +36,60 @@ def scanned(chunks: Iterable[Chunk], scanner: Scanner) -> Iterator[Scanned]:
 def ahead(items: Iterator[T]) -> Iterator[T]:
     """The same items; while one is used, the next is made in another thread."""
     another = partial(next, items, None)
-    coming = _Beside(another)
-    try:
-        while (item := coming.result()) is not None:
-            coming = _Beside(another)
+    with OtherThread() as other:
+        coming = other(another)
+        while (item := coming()) is not None:
+            coming = other(another)
             yield item
-    finally:
-        coming.join()
 
 
-def beside(make: Callable[[], T]) -> Callable[[], T]:
-    """Begin something in another thread; what comes back waits for its result, or raises what went wrong."""
-    return _Beside(make).result
+class OtherThread:
+    """Does what it is given, one thing after the other, until it is closed.
+
+    One for all pieces: each new thread may take memory from another place, and what it gives back stays there. Python's
+    pool of threads does as much, and takes longer to load.
+    """
+
+    def __init__(self) -> None:
+        """Nothing is begun before there is something to do."""
+        self._tasks: SimpleQueue[_Task[Any] | None] = SimpleQueue()
+        self._thread: Thread | None = None
+
+    def __enter__(self) -> OtherThread:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Wait for what it still does."""
+        if self._thread is not None:
+            self._tasks.put(None)
+            self._thread.join()
+
+    def __call__(self, make: Callable[[], T]) -> Callable[[], T]:
+        """Begin something; what comes back waits for its result, or raises what went wrong."""
+        if self._thread is None:
+            self._thread = Thread(target=self._run)
+            self._thread.start()
+        task = _Task(make)
+        self._tasks.put(task)
+        return task.result
+
+    def _run(self) -> None:
+        while (task := self._tasks.get()) is not None:
+            task.run()
+            del task  # what it made is its owner's alone
 
 
-class _Beside(Thread, Generic[T]):
-    """What a function returns, while it is made. Python's pool of threads does as much, and takes longer to load."""
+class _Task(Generic[T]):
+    """What a function returns, while it is made."""
 
     def __init__(self, make: Callable[[], T]) -> None:
-        """Begin."""
-        super().__init__()
         self._make = make
         self._made: T
         self._error: BaseException | None = None
-        self.start()
+        self._working = Lock()
+        self._working.acquire()
 
     def run(self) -> None:
         """Make it."""
@@ -65,10 +97,12 @@ class _Beside(Thread, Generic[T]):
             self._made = self._make()
         except BaseException as error:  # noqa: BLE001  # whatever it is, it is raised where the result is asked for
             self._error = error
+        finally:
+            self._working.release()
 
     def result(self) -> T:
         """Wait for it; what went wrong when it was made is raised here."""
-        self.join()
-        if self._error is not None:
-            raise self._error
-        return self._made
+        with self._working:
+            if self._error is not None:
+                raise self._error
+            return self._made

@@ -13,7 +13,7 @@ from gcs_bridge.contract import readable
 from gcs_bridge.errors import UsageError
 from gcs_bridge.judging.monitor import Monitor
 from gcs_bridge.mavlink.signing import SigningKey, Unsigned
-from gcs_bridge.recordings.ahead import ahead, beside
+from gcs_bridge.recordings.ahead import OtherThread, ahead
 from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.report import Report
 from gcs_bridge.report.schema import File
@@ -66,19 +66,19 @@ def check_file(
     file cannot be used, UsageError where `from_s` is past its end or the file has no times to select by.
     """
     taking = Sinks(sinks)
-    monitor = Monitor(
-        settings=settings,
-        dialect=dialect,
-        sysid=sysid,
-        from_s=from_s,
-        to_s=to_s,
-        observer=taking.observer,
-        on_frames=taking.on_frames,
-        signing_key=signing_key,
-        unsigned=unsigned,
-        beside=beside,
-    )
-    with open_recording(path, dialect) as source:
+    with open_recording(path, dialect) as source, OtherThread() as other:
+        monitor = Monitor(
+            settings=settings,
+            dialect=dialect,
+            sysid=sysid,
+            from_s=from_s,
+            to_s=to_s,
+            observer=taking.observer,
+            on_frames=taking.on_frames,
+            signing_key=signing_key,
+            unsigned=unsigned,
+            beside=other,
+        )
         if from_s is not None or to_s is not None:
             source.need_times("--from and --to cannot select by them")
         feed(source, monitor, taking, lambda done: None if progress is None else progress(done, source.size))

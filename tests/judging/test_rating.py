@@ -1,7 +1,7 @@
 """Large batches, judged in two threads: what comes out is what one thread says, to the last bit."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 import pytest
@@ -9,7 +9,7 @@ import pytest
 from gcs_bridge.checks.quaternion_norm import QuaternionNorm
 from gcs_bridge.judging import rating
 from gcs_bridge.judging.monitor import Monitor
-from gcs_bridge.recordings.ahead import beside
+from gcs_bridge.recordings.ahead import OtherThread
 from gcs_bridge.recordings.faults import parse_fault
 from gcs_bridge.recordings.inject import inject
 from tests.helpers.paths import FIXTURES
@@ -20,12 +20,20 @@ Made = TypeVar("Made")
 class Counted:
     """Begins things in another thread, and counts them."""
 
-    def __init__(self) -> None:
+    def __init__(self, other: OtherThread) -> None:
         self.begun = 0
+        self._other = other
 
     def __call__(self, make: Callable[[], Made], /) -> Callable[[], Made]:
         self.begun += 1
-        return beside(make)
+        return self._other(make)
+
+
+@pytest.fixture
+def counted() -> Iterator[Counted]:
+    """Things in another thread, which ends with the test."""
+    with OtherThread() as other:
+        yield Counted(other)
 
 
 def story(data: bytes, piece: int, counted: Counted | None = None) -> tuple[str, str]:
@@ -43,21 +51,26 @@ def story(data: bytes, piece: int, counted: Counted | None = None) -> tuple[str,
     ],
 )
 def test_two_threads_say_what_one_says(
-    name: str, begin: int, end: int, fault: str | None, shows: str, monkeypatch: pytest.MonkeyPatch
+    name: str,
+    begin: int,
+    end: int,
+    fault: str | None,
+    shows: str,
+    counted: Counted,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Events, alarms, verdicts and numbers; streams that stop and come back send signals to alarms meanwhile."""
     monkeypatch.setattr(rating, "_WORTH_IT", 1)
     data = (FIXTURES / f"{name}.tlog").read_bytes()[begin:end]
     if fault is not None:
         data = inject(data, [parse_fault(fault)])
-    counted = Counted()
     one, both = story(data, 3_000), story(data, 3_000, counted)
     assert shows in one[0] + one[1]
     assert counted.begun > 3
     assert both == one
 
 
-def test_what_goes_wrong_in_the_other_thread_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_goes_wrong_in_the_other_thread_is_raised(counted: Counted, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not swallowed, and not left behind in a thread."""
 
     def fail(*_: object) -> None:
@@ -67,11 +80,10 @@ def test_what_goes_wrong_in_the_other_thread_is_raised(monkeypatch: pytest.Monke
     monkeypatch.setattr(QuaternionNorm, "judge", fail)
     data = (FIXTURES / "e_two_vehicles.tlog").read_bytes()[:60_000]
     with pytest.raises(RuntimeError, match="it broke"):
-        story(data, 30_000, Counted())
+        story(data, 30_000, counted)
 
 
-def test_few_messages_begin_no_thread() -> None:
+def test_few_messages_begin_no_thread(counted: Counted) -> None:
     """A live batch is short: a thread would take longer than all checks."""
-    counted = Counted()
     story((FIXTURES / "e_two_vehicles.tlog").read_bytes()[:60_000], 5_000, counted)
     assert counted.begun == 0

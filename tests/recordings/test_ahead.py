@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from threading import active_count, get_ident
 
 import msgspec
 import pytest
@@ -43,6 +44,13 @@ def test_one_is_made_ahead_and_no_more() -> None:
         assert made.asked <= number + 2
 
 
+def test_one_thread_makes_them_all() -> None:
+    """Of as many threads as there are items each would keep memory of its own."""
+    makers = set(ahead(get_ident() for _ in range(50)))
+    assert len(makers) == 1
+    assert get_ident() not in makers
+
+
 def test_an_error_comes_in_its_place() -> None:
     """Behind the items that were made before it."""
     items = ahead(iter(Made(2, OSError("it is gone"))))
@@ -55,9 +63,12 @@ def test_who_stops_early_leaves_no_thread_at_work() -> None:
     """The item that was being made is the last."""
     made = Made(1000)
     items = ahead(iter(made))
+    before = active_count()
     assert next(items) == 0
+    assert active_count() == before + 1
     items.close()  # type: ignore[attr-defined]  # it is a generator
     assert made.asked <= 2
+    assert active_count() == before
 
 
 @pytest.mark.slow
