@@ -43,7 +43,6 @@ class Quantiles:
 
     def __init__(self) -> None:
         """Start empty."""
-        self._max = math.nan
         self._bins: _Bins | None = None  # many a check never judges anything
         self._waiting = Waiting(value=np.empty(0), waiting=np.zeros(1, np.int64))
 
@@ -78,24 +77,23 @@ class Quantiles:
     def max(self) -> float:
         """The largest number; NaN while empty."""
         self._settle()
-        return self._max
+        return math.nan if self._bins is None else self._bins.largest
 
     def add(self, values: Floats) -> None:
         """Take the values, in their order: the sums do not depend on how a stream was cut."""
         self._settle()
-        if np.isnan(values).all():
-            return
         if self._bins is None:
+            if np.isnan(values).all():
+                return
             self._bins = _Bins()
         self._bins.add(values)
-        self._max = float(np.fmax.reduce(values, initial=self._max))
 
     def quantile(self, share: float) -> float:
         """The value that `share` of the numbers do not exceed (nearest rank); NaN while empty."""
         self._settle()
         if self._bins is None:
             return math.nan
-        return min(self._bins.mean_at(max(math.ceil(share * self._bins.count), 1)), self._max)
+        return min(self._bins.mean_at(max(math.ceil(share * self._bins.count), 1)), self._bins.largest)
 
     def summary(self, scale: float = 1.0) -> dict[str, float]:
         """Median, p95, p99 and max, each times `scale`; NaN while empty."""
@@ -114,11 +112,14 @@ class _Bins:
         self._kept = np.zeros(1, np.int64)
         self._counts = np.zeros(_BLOCK, np.int64)
         self._sums = np.zeros(_BLOCK)
+        self._largest = np.full(1, math.nan)
 
     def add(self, values: Floats) -> None:
         """Take the values (n,), each into its bin; NaN is passed over."""
         row = 0
-        while (row := count_values(values, row, self._place, self._kept, self._counts, self._sums)) < len(values):
+        while (
+            row := count_values(values, row, self._place, self._kept, self._counts, self._sums, self._largest)
+        ) < len(values):
             self._counts = np.append(self._counts, np.zeros_like(self._counts))  # twice the room: copied seldom
             self._sums = np.append(self._sums, np.zeros_like(self._sums))
 
@@ -126,6 +127,11 @@ class _Bins:
     def count(self) -> int:
         """How many values were taken."""
         return int(self._counts.sum())
+
+    @property
+    def largest(self) -> float:
+        """The largest of them; NaN: there was none."""
+        return self._largest.item()
 
     def mean_at(self, rank: int) -> float:
         """The mean of the values in the bin of the one with this rank, from 1 on, in ascending order."""
@@ -137,8 +143,13 @@ class _Bins:
 
 
 @kernel
-def count_values(values: Floats, row: int, place: Int64s, kept: Int64s, counts: Int64s, sums: Floats) -> int:
-    """Count values (n,) from `row` on; return at which one there was no room left for its block of bins, n: at none."""
+def count_values(
+    values: Floats, row: int, place: Int64s, kept: Int64s, counts: Int64s, sums: Floats, largest: Floats
+) -> int:
+    """Count values (n,) from `row` on; return at which one there was no room left for its block of bins, n: at none.
+
+    `largest` (1,) is the largest so far, NaN before the first.
+    """
     for i in range(row, values.size):
         value = values[i]
         if np.isnan(value):
@@ -153,4 +164,6 @@ def count_values(values: Floats, row: int, place: Int64s, kept: Int64s, counts: 
         at = place[block] * _BLOCK + number % _BLOCK
         counts[at] += 1
         sums[at] += value
+        if not largest[0] >= value:  # NaN is not
+            largest[0] = value
     return values.size

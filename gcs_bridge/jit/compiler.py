@@ -26,7 +26,7 @@ from numba.core.registry import cpu_target
 from numba.core.targetconfig import TargetConfig
 from numba.core.types.functions import BaseFunction
 
-from gcs_bridge.jit.by_numba import OPTIONS, make_known, numba_type
+from gcs_bridge.jit.by_numba import OPTIONS, counted_from_the_front, make_known, numba_type
 from gcs_bridge.jit.declared import Declared
 from gcs_bridge.jit.entry import Entry, layout_is_known
 from gcs_bridge.jit.native import symbol_of
@@ -140,7 +140,7 @@ def machine_code(function: FunctionType, declared: tuple[Declared, ...], stand_i
     cpu_target.options.parse_as_flags(flags, {"nopython": True, **OPTIONS, **_NO_WRAPPERS})
     flags.no_compile = True  # the entry is to be part of it
     arguments = tuple(map(numba_type, declared))
-    with _hurried(target):
+    with _hurried(target), counted_from_the_front():
         result = compile_extra(cpu_target.typing_context, target, function, arguments, None, flags, {}, None, _Passes)
         library = result.library
         Entry(target, library, result.fndesc, entry).add(declared)

@@ -107,6 +107,18 @@ def test_help_is_quick() -> None:
     assert min(cpu_s() for _ in range(3)) < 0.4
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a process's threads are counted as Linux lists them")
+def test_numpy_begins_no_thread_that_nothing_is_given_to() -> None:
+    """On each processor one would look for work for a while, beside the threads that have some."""
+    recording = str(ROOT / "sitl_fixtures" / "e_two_vehicles.tlog")
+    script = "import os; from gcs_bridge.cli import main; main(['check', '-q', RECORDING]); "
+    script = script.replace("RECORDING", repr(recording)) + "print(len(os.listdir('/proc/self/task')))"
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split()[-1] == "1"
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
