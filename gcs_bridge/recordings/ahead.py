@@ -7,6 +7,7 @@ loop gives, in its order; two pieces are in memory at most.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import nullcontext
 from functools import partial
 from queue import SimpleQueue
 from threading import Lock, Thread
@@ -33,26 +34,28 @@ def scanned(chunks: Iterable[Chunk], scanner: Scanner) -> Iterator[Scanned]:
     yield Scanned(scanner.buffer, frames, scanner.read)
 
 
-def ahead(items: Iterator[T]) -> Iterator[T]:
-    """The same items; while one is used, the next is made in another thread."""
+def ahead(items: Iterator[T], other: OtherThread | None = None) -> Iterator[T]:
+    """The same items; while one is used, the next is made in another thread: in `other`, behind what it does first."""
     another = partial(next, items, None)
-    with OtherThread() as other:
-        coming = other(another)
+    with OtherThread() if other is None else nullcontext(other) as thread:
+        begin = thread if other is None else thread.later
+        coming = begin(another)
         while (item := coming()) is not None:
-            coming = other(another)
+            coming = begin(another)
             yield item
 
 
 class OtherThread:
-    """Does what it is given, one thing after the other, until it is closed.
+    """Does what it is given, one thing after the other, until it is closed; who asks for what it has not begun does it.
 
-    One for all pieces: each new thread may take memory from another place, and what it gives back stays there. Python's
-    pool of threads does as much, and takes longer to load.
+    So two threads share the work, whoever has less of it, and none waits for what nobody does. It is one for all pieces
+    of a recording: each new thread may take memory from another place, and what it gives back stays there.
     """
 
     def __init__(self) -> None:
         """Nothing is begun before there is something to do."""
         self._tasks: SimpleQueue[_Task[Any] | None] = SimpleQueue()
+        self._later: _Task[Any] | None = None
         self._thread: Thread | None = None
 
     def __enter__(self) -> OtherThread:
@@ -68,12 +71,27 @@ class OtherThread:
 
     def __call__(self, make: Callable[[], T]) -> Callable[[], T]:
         """Begin something; what comes back waits for its result, or raises what went wrong."""
+        task = _Task(make)
+        self._put(task)
+        self.go_on()
+        return task.result
+
+    def later(self, make: Callable[[], T]) -> Callable[[], T]:
+        """As a call, behind what it is given next: that is asked for sooner. One thing at a time can be put off so."""
+        self._later = task = _Task(make)
+        return task.result
+
+    def go_on(self) -> None:
+        """Begin what was put off: nothing comes that is asked for sooner."""
+        task, self._later = self._later, None
+        if task is not None:
+            self._put(task)
+
+    def _put(self, task: _Task[Any]) -> None:
         if self._thread is None:
             self._thread = Thread(target=self._run)
             self._thread.start()
-        task = _Task(make)
         self._tasks.put(task)
-        return task.result
 
     def _run(self) -> None:
         while (task := self._tasks.get()) is not None:
@@ -88,11 +106,13 @@ class _Task(Generic[T]):
         self._make = make
         self._made: T
         self._error: BaseException | None = None
-        self._working = Lock()
+        self._begun, self._working = Lock(), Lock()
         self._working.acquire()
 
     def run(self) -> None:
-        """Make it."""
+        """Make it, unless somebody has begun to."""
+        if not self._begun.acquire(blocking=False):
+            return
         try:
             self._made = self._make()
         except BaseException as error:  # noqa: BLE001  # whatever it is, it is raised where the result is asked for
@@ -101,7 +121,8 @@ class _Task(Generic[T]):
             self._working.release()
 
     def result(self) -> T:
-        """Wait for it; what went wrong when it was made is raised here."""
+        """Wait for it, or make it; what went wrong then is raised here."""
+        self.run()
         with self._working:
             if self._error is not None:
                 raise self._error

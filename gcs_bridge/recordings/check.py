@@ -81,19 +81,30 @@ def check_file(
         )
         if from_s is not None or to_s is not None:
             source.need_times("--from and --to cannot select by them")
-        feed(source, monitor, taking, lambda done: None if progress is None else progress(done, source.size))
+        feed(source, monitor, taking, lambda done: None if progress is None else progress(done, source.size), other)
     return closing_entry(monitor, path, source.remarks)
 
 
-def feed(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, after: Callable[[int], None]) -> None:
-    """Give `monitor` a recording to its end, and `sinks` what is told; `after` each chunk is told the bytes so far."""
-    for done in steps(chunks, monitor, sinks):
+def feed(
+    chunks: Iterable[Chunk],
+    monitor: Monitor,
+    sinks: Sinks,
+    after: Callable[[int], None],
+    other: OtherThread | None = None,
+) -> None:
+    """Give `monitor` a recording to its end, and `sinks` what is told; `after` each chunk is told the bytes so far.
+
+    `other` is the thread beside which it judges, if it does.
+    """
+    for done in steps(chunks, monitor, sinks, other):
         after(done)
 
 
-def steps(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks) -> Iterator[int]:
+def steps(
+    chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, other: OtherThread | None = None
+) -> Iterator[int]:
     """The same chunk by chunk, for who does something in between: each time the bytes so far."""
-    for scan in ahead(monitor.scan([chunk]) for chunk in chunks):
+    for scan in ahead((monitor.scan([chunk]) for chunk in chunks), other):
         sinks.events(monitor.judge(scan))
         yield scan.scanned.done
     sinks.events(monitor.finish())
