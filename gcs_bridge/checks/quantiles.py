@@ -131,7 +131,7 @@ class _Bins:
     @property
     def largest(self) -> float:
         """The largest of them; NaN: there was none."""
-        return self._largest.item()
+        return float(self._largest[0])
 
     def mean_at(self, rank: int) -> float:
         """The mean of the values in the bin of the one with this rank, from 1 on, in ascending order."""

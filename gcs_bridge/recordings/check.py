@@ -100,9 +100,7 @@ def feed(
         after(done)
 
 
-def steps(
-    chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, other: OtherThread | None = None
-) -> Iterator[int]:
+def steps(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, other: OtherThread | None = None) -> Iterator[int]:
     """The same chunk by chunk, for who does something in between: each time the bytes so far."""
     for scan in ahead((monitor.scan([chunk]) for chunk in chunks), other):
         sinks.events(monitor.judge(scan))

@@ -18,7 +18,6 @@ from gcs_bridge import cache
 from gcs_bridge.columns import FloatRows, Floats, Int64s, Mask, Records
 from gcs_bridge.jit import helper, in_kernels, kernel, share
 from gcs_bridge.jit.kernels import KERNELS, Kernel
-from tests.helpers.everyday import one_in
 
 PAIR = np.dtype([("t", "i4"), ("x", "f8")])
 
@@ -189,7 +188,7 @@ def test_a_kernel_that_fails_is_an_error() -> None:
 
 @kernel
 def _last_two(values: Int64s) -> int:
-    return 10 * values[-2] + values[-1]
+    return int(10 * values[-2] + values[-1])
 
 
 def test_a_number_in_the_code_may_count_from_the_end() -> None:

@@ -1,15 +1,16 @@
 """Items made in another thread, one ahead: the same, in the same order, and no more of them at a time."""
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from threading import active_count, get_ident
+from threading import Event, Semaphore, active_count, get_ident
 
 import msgspec
 import pytest
 
 import gcs_bridge
 from gcs_bridge.recordings import source
-from gcs_bridge.recordings.ahead import ahead
+from gcs_bridge.recordings.ahead import OtherThread, ahead
 from tests.helpers.everyday import one_in
 from tests.helpers.paths import ROOT
 
@@ -44,11 +45,53 @@ def test_one_is_made_ahead_and_no_more() -> None:
         assert made.asked <= number + 2
 
 
-def test_one_thread_makes_them_all() -> None:
-    """Of as many threads as there are items each would keep memory of its own."""
-    makers = set(ahead(get_ident() for _ in range(50)))
-    assert len(makers) == 1
-    assert get_ident() not in makers
+def test_one_other_thread_makes_them_all() -> None:
+    """Each more would keep memory of its own."""
+    made = Semaphore(0)
+
+    def makers() -> Iterator[int]:
+        for _ in range(50):
+            made.release()
+            yield get_ident()
+
+    found = set()
+    for number, maker in enumerate(ahead(makers())):
+        if number == 0:
+            made.acquire()  # the first one's, which this thread may have made
+        else:
+            found.add(maker)
+        if number < 49:
+            assert made.acquire(timeout=5.0)  # the next one is begun
+    assert len(found) == 1
+    assert get_ident() not in found
+
+
+def test_what_is_put_off_comes_behind_what_is_begun_next() -> None:
+    """Or at once where nothing comes."""
+    done: list[str] = []
+    hold = Event()
+    with OtherThread() as other:
+        other.later(partial(done.append, "put off"))
+        other(hold.wait)
+        other(partial(done.append, "begun"))
+        assert not done
+        hold.set()
+    assert done == ["put off", "begun"]
+    with OtherThread() as other:
+        other.later(partial(done.append, "at once"))
+        other.go_on()
+    assert done[-1] == "at once"
+
+
+def test_who_asks_for_what_is_not_begun_does_it() -> None:
+    """Nobody waits for a thread that does something else."""
+    hold = Event()
+    with OtherThread() as other:
+        held = other(hold.wait)
+        assert other(get_ident)() == get_ident()
+        assert other.later(get_ident)() == get_ident()
+        hold.set()
+        assert held()
 
 
 def test_an_error_comes_in_its_place() -> None:
