@@ -24,9 +24,11 @@ from gcs_bridge.links.wall_clock import WallClock, now_us
 __all__ = ["Errand", "Stop", "listen"]
 _TICK_S = 0.25  # so often time passes for the monitor where nothing comes, and a wish to stop is looked for
 # So long what comes first waits for what comes with it: a vehicle sends its messages in bursts, and judging one costs
-# nearly the same whether it holds one message or ten. What came while the last batch was judged waits twice as long as
-# that took, so that half of a processor is enough where it costs much, as of many vehicles.
-_GATHER_S, _LONGEST_S = 0.002, 0.01
+# nearly the same whether it holds one message or ten. The first is for bursts of up to _BURST messages, as one vehicle
+# sends them. What came while the last batch was judged waits twice as long as that took, so that half of a processor is
+# enough where it costs much, as of many vehicles.
+_SHORT_S, _GATHER_S, _LONGEST_S = 0.001, 0.002, 0.01
+_BURST = 8
 # As long as nothing is on its way with any vehicle it may wait longer: an alarm is pending before it is raised, and is
 # judged without that wait from there on. So long must the delay be at the least, in such waits: a vehicle's clock may
 # run faster than this one's, as where a flight is played.
@@ -111,10 +113,11 @@ def listen(
             one.say(LinkUp)
         taken_s = ticked_s = time.monotonic()
         judged_s = calm_s = 0.0
+        chunks = 0  # that were taken the last time
         while not stop() and (asked_s := time.monotonic()) < ends_s:
             beside = [descriptor for errand in errands for descriptor in errand.descriptors()]
             _wait(links, 0.0 if monitor.is_asked else min(_TICK_S, ends_s - asked_s), beside)
-            came_s, gather_s = time.monotonic(), _GATHER_S
+            came_s, gather_s = time.monotonic(), _SHORT_S if chunks <= _BURST else _GATHER_S
             if came_s - asked_s < _AT_ONCE_S:  # it came while the last batch was judged, and has waited since
                 came_s, gather_s = taken_s, min(max(_GATHER_S, 2 * judged_s), _LONGEST_S)
             gather_s = max(gather_s, calm_s)
@@ -124,10 +127,10 @@ def listen(
                 monitor.set_clock(now_us())
                 note(_clock_was_set(step_us / 1e6))
             counts = [one.take() for one in listened]
-            judged_s = time.monotonic() - taken_s
+            judged_s, chunks = time.monotonic() - taken_s, sum(counts)
             if monitor.is_asked:  # one question a round: what comes meanwhile waits for one answer, and not for all
                 tell(monitor.answer())
-            few = sum(counts) * patience_s <= _FEW * (taken_s - before_s)
+            few = chunks * patience_s <= _FEW * (taken_s - before_s)
             may_wait = few and not monitor.is_asked and all(link.tells_arrival for link in links)
             calm_s = min(patience_s, monitor.calm_s() / _CALM_SHARE) if may_wait else 0.0
             for errand in errands:
