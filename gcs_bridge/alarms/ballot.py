@@ -71,6 +71,7 @@ class Ballot:
         alarm["short_row"] = [recurring.index(spec) if spec.recurring_window_s else -1 for spec in self.specs]
         self._shown = [self._votes.alarm[name] for name in ("state", "samples", "t_us", "value", "limit")]
         self._apart: Ballot | None = None  # the last one
+        self._room = -1  # for so many changes at the least; −1: not known
         self._fresh = self._votes.alarm.copy()
         self._fresh["worst"], self._fresh["onset_us"] = -1.0, -1
         self.start_boot()
@@ -105,7 +106,7 @@ class Ballot:
             first[a], end[a] = len(rows), len(rows) + len(some)
             rows += some
         self._signals.clear()
-        self._votes = self._votes._replace(signal=np.array(rows, np.int64))
+        self._votes, self._room = self._votes._replace(signal=np.array(rows, np.int64)), -1
 
     @contextmanager
     def apart(self) -> Iterator[Ballot]:
@@ -114,7 +115,7 @@ class Ballot:
             self._give_signals()
         change = np.empty(16, CHANGE) if self._apart is None else self._apart._votes.change
         self._apart = apart = copy(self)
-        apart._votes = self._votes._replace(change=change, changes=np.zeros(1, np.int64))
+        apart._votes, apart._room = self._votes._replace(change=change, changes=np.zeros(1, np.int64)), -1
         yield apart
         more = apart._votes.changes.item()
         if more:
@@ -127,12 +128,19 @@ class Ballot:
         """What a kernel is given, with room for what `samples` votes may change."""
         if self._signals:
             self._give_signals()
+        self._room -= 2 * samples
+        if self._room < 0:
+            self._make_room(samples)
+        return self._votes
+
+    def _make_room(self, samples: int) -> None:
+        """See that there is as much as `votes` promises: few votes change anything, and what was promised is there."""
         needed = self._votes.changes.item() + 2 * samples + len(self._votes.signal)
         if needed > len(self._votes.change):
             change = np.empty(2 * needed, CHANGE)
             change[: self._votes.changes[0]] = self._votes.change[: self._votes.changes[0]]
             self._votes = self._votes._replace(change=change)
-        return self._votes
+        self._room = len(self._votes.change) - needed
 
     def rate(self, spec: AlarmSpec, rated: Rated) -> None:
         """Give an alarm samples that no kernel has rated."""

@@ -45,9 +45,16 @@ class Quantiles:
         """Start empty."""
         self._bins: _Bins | None = None  # many a check never judges anything
         self._waiting = Waiting(value=np.empty(0), waiting=np.zeros(1, np.int64))
+        self._left = 0  # of its room, at the least
 
     def room(self, more: int) -> Waiting:
         """Where a kernel may put down so many numbers more: they are counted some thousand at a time."""
+        self._left -= more
+        if self._left < 0:
+            self._make_room(more)
+        return self._waiting
+
+    def _make_room(self, more: int) -> None:
         waiting = self._waiting
         taken = waiting.waiting.item()
         if taken + more > len(waiting.value):
@@ -58,7 +65,7 @@ class Quantiles:
                 value = np.empty(max(taken + more, min(2 * (taken + more), _MANY), _FEW))
                 value[:taken] = self._waiting.value[:taken]
                 self._waiting = self._waiting._replace(value=value)
-        return self._waiting
+        self._left = len(self._waiting.value) - taken - more
 
     def _settle(self) -> None:
         """Count what waits."""

@@ -159,7 +159,7 @@ class LinkVehicle:
         """The frame of its share with which enough came of it, None where that is not so yet."""
         frames = []
         for stream, name in enumerate(STREAMS):
-            before, count = self._attitudes[stream], share.count(KIND[name])
+            before, count = self._attitudes[stream], share.counts[KIND[name]]
             self._attitudes[stream] += count
             if before < JUDGED_ATTITUDES <= before + count:
                 frames.append(batch.first + int(batch.rows(share, KIND[name])[JUDGED_ATTITUDES - 1 - before]))

@@ -140,7 +140,7 @@ class AttitudeReader:
         """
         held = len(timed.held) > 0
         euler = quaternion = None
-        if n := share.count(EULER) + held:
+        if n := share.counts[EULER] + held:
             euler = room_for_attitudes(ATTITUDE, n)
             assert euler.rpy_rad is not None
             euler = euler.first(
@@ -161,7 +161,7 @@ class AttitudeReader:
                     euler.rpy_rad,
                 )
             )
-        if n := share.count(QUATERNION) + held:
+        if n := share.counts[QUATERNION] + held:
             quaternion = room_for_attitudes(ATTITUDE_QUATERNION, n)
             assert quaternion.repr_offset_q is not None
             quaternion = quaternion.first(

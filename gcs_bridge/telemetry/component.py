@@ -95,7 +95,7 @@ class VehicleReader:
         self._identify(self._heartbeats.read(batch, share), segments)
         imu = self._read_imu(batch, share, timed) if share.has_any(IMU_KINDS) else {}
         counted = {name: samples.t_rx_us for name, samples in imu.items()}
-        if share.count(_AHRS2_KIND):
+        if share.counts[_AHRS2_KIND]:
             rows = batch.rows(share, _AHRS2_KIND)
             counted[AHRS2] = batch.frames["t_rx_us"][rows[batch.in_window[rows]]]
         return VehicleBatch(
@@ -121,7 +121,7 @@ class VehicleReader:
         if self._ardupilot_frame_index is not None:
             autopilot, since = _ARDUPILOT, self._ardupilot_frame_index
         for name, kind in _IMU_KINDS:
-            if share.count(kind):
+            if share.counts[kind]:
                 reader = self._imu.get(name) or self._imu.setdefault(name, ImuReader(name, self._dialect))
                 samples = reader.read(batch, share, timed, autopilot, since)
                 if len(samples):

@@ -109,7 +109,7 @@ class ImuReader:
 
         `timed`: the vehicle's timed messages in the batch; `autopilot`: its name as told with that frame.
         """
-        n = share.count(self.kind)
+        n = share.counts[self.kind]
         frame_index, boot, t_boot_us, t_rx_us, t_us = (np.empty(n, np.int64) for _ in range(5))
         measured = np.empty((3, n, 3))
         found = _read_imu(

@@ -66,7 +66,7 @@ class PositionReader:
         """Those in the window, from the first boot time on that is known; `timed`: the vehicle's timed messages."""
         parts = []
         for kind, message, layout in self._messages:
-            if share.count(kind):
+            if share.counts[kind]:
                 rows = batch.rows(share, kind)
                 rows = rows[batch.in_window[rows]]
                 frames = batch.frames[rows]

@@ -82,7 +82,7 @@ class RadioFlow:
         """Take what one component says of its buffer in a batch; yield what that changes, in order of arrival."""
         found: list[tuple[int, int]] = []
         for name in RADIOS:
-            if name in dialect and share.count(KIND[name]):
+            if name in dialect and share.counts[KIND[name]]:
                 rows = batch.rows(share, KIND[name])
                 sent = decode(batch.buffer, batch.frames[rows], dialect[name])
                 found += zip((batch.first + rows).tolist(), sent["txbuf"].tolist(), strict=True)

@@ -63,7 +63,7 @@ def rate_requests(batch: SortedFrames, share: Share, dialect: Dialect) -> list[R
     """What one component asked for in a batch, in order of arrival."""
     found: list[RateRequest] = []
     for name in REQUESTS:
-        if name not in dialect or not share.count(KIND[name]):
+        if name not in dialect or not share.counts[KIND[name]]:
             continue
         rows = batch.rows(share, KIND[name])
         sent = decode(batch.buffer, np.take(batch.frames, rows), dialect[name])

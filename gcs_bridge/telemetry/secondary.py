@@ -99,7 +99,7 @@ class Ahrs2Reader:
 
     def read(self, batch: SortedFrames, share: Share, timed: TimedMessages) -> Ahrs2Samples:
         """The samples, in the window, whose time is known by now; `timed`: the vehicle's timed messages."""
-        most = self._waits + share.count(_KIND)
+        most = self._waits + share.counts[_KIND]
         if not most or self._at is None:
             return _NONE
         if most > len(self._waiting):

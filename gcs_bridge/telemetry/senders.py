@@ -374,7 +374,7 @@ class Senders:
 
     def read(self, batch: SortedFrames, share: Share) -> list[SenderSign]:
         """Take a component's next frames; what they say of its senders, each with the frame of an attitude."""
-        signs = np.empty((2 * (share.count(_EULER) + share.count(_QUATERNION)), 3), np.int64)
+        signs = np.empty((2 * (share.counts[_EULER] + share.counts[_QUATERNION]), 3), np.int64)
         n = _follow(
             self._state,
             self._tracks,

@@ -16,7 +16,8 @@ from gcs_bridge.telemetry.messages import KINDS, OTHERS_KINDS, kind_of_id
 
 Kinds = npt.NDArray[np.int8]
 _UNWANTED = -1  # the kind of a frame that is nobody's: a duplicate, or of a system that is not judged
-_KEY, _LOST, _HEARD_US, _STARTS = range(4)  # columns of a component's row; from _STARTS on: where its kinds begin
+_KEY, _LOST, _HEARD_US, _STARTS = range(4)  # columns of a component's row; from _STARTS on: where its kinds begin,
+_COUNTS = _STARTS + KINDS + 1  # and from here on: how many there are of each
 _COMPONENTS = 65536
 _FIRST_OF_OTHERS, _LAST_OF_OTHERS = OTHERS_KINDS[0], OTHERS_KINDS[-1]
 LINK = np.dtype(
@@ -34,7 +35,8 @@ class Share(NamedTuple):
     """One component's share of a batch.
 
     `lost` frames that its sequence numbers miss so far, `heard_us` receive time of its last frame; `starts`: from one
-    to the next lie the frames of each kind in `SortedFrames.by_message`, from the first to the last all in `arrival`.
+    to the next lie the frames of each kind in `SortedFrames.by_message`, from the first to the last all in `arrival`;
+    `counts`: how many there are of each kind.
     """
 
     sysid: int
@@ -42,6 +44,7 @@ class Share(NamedTuple):
     lost: int
     heard_us: int
     starts: list[int]
+    counts: list[int]
 
     @property
     def address(self) -> tuple[int, int]:
@@ -57,10 +60,6 @@ class Share(NamedTuple):
     def end(self) -> int:
         """Where they end."""
         return self.starts[-1]
-
-    def count(self, kind: int) -> int:
-        """How many messages of a kind there are."""
-        return self.starts[kind + 1] - self.starts[kind]
 
     def has_any(self, kinds: range) -> bool:
         """Whether there is any message of these kinds."""
@@ -174,7 +173,8 @@ def _sort(
         place[mine, KINDS] = share[mine, _STARTS] = at
         for k in range(KINDS):
             place[mine, k] = at
-            at += share[mine, _STARTS + 1 + k]
+            share[mine, _COUNTS + k] = share[mine, _STARTS + 1 + k]
+            at += share[mine, _COUNTS + k]
             share[mine, _STARTS + 1 + k] = at
     for row in range(n):
         k = kind[row]
@@ -247,7 +247,7 @@ class FrameSorter:
         shares = -1
         while shares < 0:
             room = min(n, self._room)
-            share = np.empty((room, _STARTS + 1 + KINDS), np.int64)
+            share = np.empty((room, _COUNTS + KINDS), np.int64)
             shares, inside = _sort(
                 frames,
                 self._kind_of,
@@ -278,7 +278,7 @@ class FrameSorter:
             arrival=arrival,
             by_message=by_message,
             shares=[
-                Share(key >> 8, key & 0xFF, lost, heard_us, starts)
+                Share(key >> 8, key & 0xFF, lost, heard_us, starts[: KINDS + 1], starts[KINDS + 1 :])
                 for key, lost, heard_us, *starts in share[:shares].tolist()
             ],
         )

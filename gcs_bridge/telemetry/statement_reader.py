@@ -92,7 +92,7 @@ class StatementReader:
                 self._mode = mode
                 names = autopilot_name(self._dialect, autopilot_number), type_name(self._dialect, type_number)
                 told.append(ModeSet(frame_index, *names, *mode[2:]))
-        if share.count(KIND["PARAM_VALUE"]):
+        if share.counts[KIND["PARAM_VALUE"]]:
             rows = batch.rows(share, KIND["PARAM_VALUE"])
             told += parameters(self._records(batch, "PARAM_VALUE", rows), batch.first + rows, autopilot)
         for frame_index, state in self._all(batch, share, "EXTENDED_SYS_STATE"):
@@ -121,7 +121,7 @@ class StatementReader:
 
     def _all(self, batch: SortedFrames, share: Share, name: str) -> Iterator[tuple[int, np.void]]:
         """Frame index and fields of each message of this name."""
-        if share.count(KIND[name]):
+        if share.counts[KIND[name]]:
             rows = batch.rows(share, KIND[name])
             yield from zip((batch.first + rows).tolist(), self._records(batch, name, rows), strict=True)
 
@@ -129,7 +129,7 @@ class StatementReader:
         self, batch: SortedFrames, share: Share, name: str, field: str | None = None
     ) -> Iterator[tuple[int, int, np.void]]:
         """Frame index, receive time and fields of messages that differ from the one before; in `field`, or at all."""
-        count = share.count(KIND[name])
+        count = share.counts[KIND[name]]
         if not count:
             return
         message = self._dialect[name]

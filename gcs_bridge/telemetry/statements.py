@@ -80,6 +80,8 @@ class StepSignal:
         """Hold `value` before anything was told; NaN: unknown."""
         self._frame_indices: Int64s = np.array([-1])
         self._values: Floats = np.array([value])
+        self._only: float | None = value  # None: there are several
+        self.has_steps = False  # whether it has more than one value at the frames that may be asked about
 
     def put(self, frame_indices: Int64s, values: Floats) -> None:
         """Take values (n,) that hold from frames (n,) on; of one frame the last one put. Kept until `forget`."""
@@ -89,11 +91,16 @@ class StepSignal:
         values = np.concatenate((self._values, values))
         # Rarely out of order: what was told in a later boot may be put before what shows in the one that ends.
         order = np.argsort(frame_indices, kind="stable")
-        self._frame_indices, self._values = frame_indices[order], values[order]
+        self._hold(frame_indices[order], values[order])
+
+    def _hold(self, frame_indices: Int64s, values: Floats) -> None:
+        self._frame_indices, self._values = frame_indices, values
+        self.has_steps = len(values) > 1
+        self._only = None if self.has_steps else float(values[0])
 
     def at(self, frame_indices: Int64s) -> Floats:
         """The values (n,) that held when the frames `frame_indices` (n,) came; one for all, where there is no other."""
-        if len(self._values) == 1:
+        if not self.has_steps:
             return np.full(len(frame_indices), self._values[0])
         return np.asarray(self._values[np.searchsorted(self._frame_indices, frame_indices, side="right") - 1])
 
@@ -102,14 +109,9 @@ class StepSignal:
         """The value that holds from the last frame on."""
         return float(self._values[-1])
 
-    @property
-    def has_steps(self) -> bool:
-        """Whether it has more than one value at the frames that may be asked about."""
-        return len(self._values) > 1
-
     def is_always(self, value: float) -> bool:
         """Whether it is this value at all frames that may be asked about."""
-        return len(self._values) == 1 and self._values[0] == value
+        return self._only == value
 
     @property
     def steps(self) -> tuple[Int64s, Floats]:
@@ -121,7 +123,7 @@ class StepSignal:
         if not self.has_steps:
             return
         passed = int(np.searchsorted(self._frame_indices, frame_index, side="right")) - 1
-        self._frame_indices, self._values = self._frame_indices[passed:], self._values[passed:]
+        self._hold(self._frame_indices[passed:], self._values[passed:])
 
 
 @helper

@@ -98,7 +98,7 @@ class Heartbeats:
 
     def read(self, batch: SortedFrames, share: Share) -> list[Majority]:
         """Take a component's next heartbeats; what most of them say, wherever that became something else."""
-        count = share.count(KIND["HEARTBEAT"])
+        count = share.counts[KIND["HEARTBEAT"]]
         if not count:
             return []
         changes = np.empty((count, 2), np.int64)

@@ -63,7 +63,7 @@ class VelocityReader:
 
     def read(self, batch: SortedFrames, share: Share) -> VelocityChange:
         """Each of the messages; NaN for the first one, and behind a gap of 2 s."""
-        n = share.count(_KIND)
+        n = share.counts[_KIND]
         if not n or self._at is None:
             return _NONE
         frame_index, acceleration_m_s2 = np.empty(n, np.int64), np.empty(n)

@@ -41,7 +41,7 @@ def test_each_component_has_its_frames_in_order_of_arrival_and_by_message(sent: 
     for share in batch.shares:
         for kind in range(OTHER + 1):
             assert batch.rows(share, kind).tolist() == of_kind[*share.address, kind]
-            assert share.count(kind) == len(of_kind[*share.address, kind])
+            assert share.counts[kind] == len(of_kind[*share.address, kind])
 
 
 def test_duplicates_and_other_systems_are_nobodys() -> None:
@@ -88,7 +88,7 @@ def test_thousands_of_components_have_their_share() -> None:
         assert [share.address for share in batch.shares] == [one[:2] for one in sent]
         assert [batch.frame_indices(share).tolist() for share in batch.shares] == [[first + i] for i in range(5000)]
     (share,) = sorter.sort(NO_BYTES, frames_of([(7, 7, "ATTITUDE")])).shares
-    assert (share.address, share.count(KIND["ATTITUDE"])) == ((7, 7), 1)
+    assert (share.address, share.counts[KIND["ATTITUDE"]]) == ((7, 7), 1)
 
 
 def test_a_share_tells_what_was_heard_last() -> None:
