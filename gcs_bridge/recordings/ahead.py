@@ -1,7 +1,7 @@
-"""Scans a recording in a thread of its own, one piece ahead of whoever uses what it holds.
+"""Scans a recording in another thread, one piece ahead of whoever uses what it holds.
 
-The scan holds no lock of Python's, so it takes no time where there is a second core. What comes out is what a plain
-loop gives, in its order; two pieces are in memory at most.
+Kernels hold no lock of Python's, so the scan takes no time where there is a second core. What comes out is what a plain
+loop gives, in its order; two pieces are in memory at most. Who judges may give that thread some of its own work.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def scanned(chunks: Iterable[Chunk], scanner: Scanner) -> Iterator[Scanned]:
 
 
 def ahead(items: Iterator[T], other: OtherThread | None = None) -> Iterator[T]:
-    """The same items; while one is used, the next is made in another thread: in `other`, behind what it does first."""
+    """The same items; while one is used, the next is made in another thread: in `other`, behind what comes first there."""
     another = partial(next, items, None)
     with OtherThread() if other is None else nullcontext(other) as thread:
         begin = thread if other is None else thread.later
@@ -89,8 +89,12 @@ class OtherThread:
 
     def _put(self, task: _Task[Any]) -> None:
         if self._thread is None:
-            self._thread = Thread(target=self._run)
-            self._thread.start()
+            thread = Thread(target=self._run)
+            try:
+                thread.start()
+            except RuntimeError:  # there can be none: who asks does it
+                return
+            self._thread = thread
         self._tasks.put(task)
 
     def _run(self) -> None:

@@ -41,7 +41,7 @@ class Cost(NamedTuple):
 
 
 # Of blocks fewer stay than there were, as what was kept batch by batch is joined: some might.
-MEASURED = Cost(1617, 33.19, 1370, 28.43, 3.06e4, 2.0)
+MEASURED = Cost(1513, 33.26, 1270, 28.46, 3.16e4, 2.0)
 BOUND = 1.2  # times what was measured
 
 BATCH_US = 20_000  # at 50 Hz: most batches hold one sample of each stream, 3 to 5 messages

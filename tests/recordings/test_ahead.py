@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from threading import Event, Semaphore, active_count, get_ident
+from threading import Event, Semaphore, Thread, active_count, get_ident
 
 import msgspec
 import pytest
@@ -92,6 +92,19 @@ def test_who_asks_for_what_is_not_begun_does_it() -> None:
         assert other.later(get_ident)() == get_ident()
         hold.set()
         assert held()
+
+
+def test_where_no_thread_can_be_had_this_one_does_it_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A limit of processes, which threads count to, makes it slower and nothing else."""
+    monkeypatch.setattr(Thread, "start", refuse)
+    assert list(ahead(iter(Made(20)))) == list(range(21))
+    with OtherThread() as other:
+        assert other(get_ident)() == get_ident()
+
+
+def refuse(_: Thread) -> None:
+    """As Python does."""
+    raise RuntimeError("can't start new thread")
 
 
 def test_an_error_comes_in_its_place() -> None:
