@@ -35,7 +35,7 @@ def scanned(chunks: Iterable[Chunk], scanner: Scanner) -> Iterator[Scanned]:
 
 
 def ahead(items: Iterator[T], other: OtherThread | None = None) -> Iterator[T]:
-    """The same items; while one is used, the next is made in another thread: in `other`, behind what comes first there."""
+    """The same items; while one is used, the next is made in another thread: `other`, behind what comes first there."""
     another = partial(next, items, None)
     with OtherThread() if other is None else nullcontext(other) as thread:
         begin = thread if other is None else thread.later
