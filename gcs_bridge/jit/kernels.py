@@ -114,7 +114,11 @@ def _by_numba_is_asked() -> bool:
 
 
 def kernel(function: Function) -> Function:
-    """Compile what Python calls, for the types that its annotations declare. A kernel is called by no other kernel."""
+    """Compile what Python calls, for the types that its annotations declare. A kernel is called by no other kernel.
+
+    In it, and in all that it calls, an index that is no number in the code is zero or above, and below the array's
+    length. Nothing looks whether it is, unless NUMBA_BOUNDSCHECK=1 is set: then another one is an IndexError.
+    """
     one = Kernel(cast(FunctionType, function))
     KERNELS.append(one)
     return cast(Function, one)
