@@ -11,7 +11,6 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba.extending import overload
-from numba.np import arrayobj
 
 from gcs_bridge.jit.declared import ArrayOf, Declared, TupleOf
 from gcs_bridge.jit.recipe import StandIns
@@ -35,9 +34,16 @@ def make_known(stand_ins: StandIns, **options: Any) -> None:
 def counted_from_the_front() -> Iterator[None]:
     """Meanwhile an index is compiled as what it says: none but a number in the code counts from an array's end.
 
-    numba asks at each access whether it does, which takes a tenth of a kernel's time.
+    numba asks at each access whether it does, which takes a tenth of a kernel's time. Where it is not as it is known
+    here, it goes on asking.
     """
-    as_usual = arrayobj.fix_integer_index
+    try:
+        from numba.np import arrayobj
+
+        as_usual = arrayobj.fix_integer_index
+    except (ImportError, AttributeError):
+        yield
+        return
 
     def of_the_front(context: Any, builder: Any, index_type: Any, index: Any, size: Any) -> Any:
         at = context.cast(builder, index, index_type, numba.types.intp)

@@ -230,8 +230,15 @@ def test_where_numba_is_not_as_it_is_known_its_own_dispatcher_does_the_work(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The same results, for any types."""
-    from gcs_bridge.jit import compiler, entry
+    from numba.np import arrayobj
 
+    from gcs_bridge.jit import compiler, entry
+    from gcs_bridge.jit.by_numba import counted_from_the_front
+
+    with monkeypatch.context() as patch:
+        patch.delattr(arrayobj, "fix_integer_index")
+        with counted_from_the_front():
+            assert not hasattr(arrayobj, "fix_integer_index")
     for place, name, value in (
         (entry, "_ITEM_SIZE", entry._KIND),
         (compiler, "layout_is_known", lambda: False),
