@@ -13,6 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_bridge.inspection.schema import Examination
+from gcs_bridge.jit import prepare
 from gcs_bridge.jit.kernels import Kernel
 from gcs_bridge.mavlink.scanner import RawFrame
 from gcs_bridge.recordings.faults import parse_fault
@@ -336,6 +337,7 @@ def test_wrong_usage(arguments: list[str], words: str) -> None:
 
 def test_this_machine_alone() -> None:
     """Without a link the machine is looked at: kernels, viewer, groups."""
+    prepare("gcs_bridge", "tests")  # those of other tests count too, as soon as they are imported
     found = examined()
     assert (found.code, found.told["links"]) == (0, [])
     machine = found.told["machine"]
