@@ -55,6 +55,7 @@ class Quantiles:
         return self._waiting
 
     def _make_room(self, more: int) -> None:
+        """See that there is as much as `room` promises: kernels may have put down less than they were given it for."""
         waiting = self._waiting
         taken = waiting.waiting.item()
         if taken + more > len(waiting.value):

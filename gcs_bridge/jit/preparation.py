@@ -111,7 +111,7 @@ def _helper(missing: Sequence[Kernel]) -> subprocess.Popen[bytes]:
     command = f"{start}; from gcs_bridge.jit.preparation import help_with; help_with(modules)"
     flags = ["-P", "-B"] if sys.dont_write_bytecode else ["-P"]
     quiet = subprocess.DEVNULL
-    return subprocess.Popen(  # noqa: S603
+    return subprocess.Popen(  # noqa: S603  # this interpreter
         [sys.executable, *flags, "-c", command, task], stdin=quiet, stdout=quiet, stderr=quiet
     )
 

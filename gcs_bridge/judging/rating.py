@@ -33,9 +33,6 @@ class Beside(Protocol):
     def __call__(self, make: Callable[[], Made], /) -> Callable[[], Made]:
         """Begin it."""
 
-    def go_on(self) -> None:
-        """Begin what was put off behind it: nothing comes now."""
-
 
 # What is judged here is about half of the work. Inertial checks send signals to their alarms: only one thread may.
 _HERE = (ImuCheck, StreamCheck, EulerQuaternion)
@@ -43,12 +40,7 @@ _HERE = (ImuCheck, StreamCheck, EulerQuaternion)
 
 def begun(make: Callable[[], Made], beside: Beside | None, messages: int) -> Callable[[], Made]:
     """What returns what `make` does: begun beside this thread by now, where somebody offers that and it is worth it."""
-    if beside is None:
-        return make
-    if messages < _WORTH_IT:
-        beside.go_on()
-        return make
-    return beside(make)
+    return make if beside is None or messages < _WORTH_IT else beside(make)
 
 
 class Rating:

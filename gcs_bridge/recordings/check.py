@@ -12,8 +12,9 @@ from gcs_bridge.chunks import Chunk
 from gcs_bridge.contract import readable
 from gcs_bridge.errors import UsageError
 from gcs_bridge.judging.monitor import Monitor
+from gcs_bridge.judging.rating import Beside
 from gcs_bridge.mavlink.signing import SigningKey, Unsigned
-from gcs_bridge.recordings.ahead import OtherThread, ahead
+from gcs_bridge.recordings.ahead import ahead, other_thread
 from gcs_bridge.recordings.open import open_recording
 from gcs_bridge.report import Report
 from gcs_bridge.report.schema import File
@@ -66,7 +67,7 @@ def check_file(
     file cannot be used, UsageError where `from_s` is past its end or the file has no times to select by.
     """
     taking = Sinks(sinks)
-    with open_recording(path, dialect) as source, OtherThread() as other:
+    with open_recording(path, dialect) as source, other_thread() as other:
         monitor = Monitor(
             settings=settings,
             dialect=dialect,
@@ -90,7 +91,7 @@ def feed(
     monitor: Monitor,
     sinks: Sinks,
     after: Callable[[int], None],
-    other: OtherThread | None = None,
+    other: Beside | None = None,
 ) -> None:
     """Give `monitor` a recording to its end, and `sinks` what is told; `after` each chunk is told the bytes so far.
 
@@ -100,7 +101,7 @@ def feed(
         after(done)
 
 
-def steps(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, other: OtherThread | None = None) -> Iterator[int]:
+def steps(chunks: Iterable[Chunk], monitor: Monitor, sinks: Sinks, other: Beside | None = None) -> Iterator[int]:
     """The same chunk by chunk, for who does something in between: each time the bytes so far."""
     for scan in ahead((monitor.scan([chunk]) for chunk in chunks), other):
         sinks.events(monitor.judge(scan))

@@ -78,10 +78,7 @@ class StepSignal:
 
     def __init__(self, value: float = np.nan) -> None:
         """Hold `value` before anything was told; NaN: unknown."""
-        self._frame_indices: Int64s = np.array([-1])
-        self._values: Floats = np.array([value])
-        self._only: float | None = value  # None: there are several
-        self.has_steps = False  # whether it has more than one value at the frames that may be asked about
+        self._hold(np.array([-1]), np.array([value]))
 
     def put(self, frame_indices: Int64s, values: Floats) -> None:
         """Take values (n,) that hold from frames (n,) on; of one frame the last one put. Kept until `forget`."""
@@ -95,8 +92,7 @@ class StepSignal:
 
     def _hold(self, frame_indices: Int64s, values: Floats) -> None:
         self._frame_indices, self._values = frame_indices, values
-        self.has_steps = len(values) > 1
-        self._only = None if self.has_steps else float(values[0])
+        self.has_steps = len(values) > 1  # whether it has more than one value at the frames that may be asked about
 
     def at(self, frame_indices: Int64s) -> Floats:
         """The values (n,) that held when the frames `frame_indices` (n,) came; one for all, where there is no other."""
@@ -111,7 +107,7 @@ class StepSignal:
 
     def is_always(self, value: float) -> bool:
         """Whether it is this value at all frames that may be asked about."""
-        return self._only == value
+        return not self.has_steps and bool(self._values[0] == value)
 
     @property
     def steps(self) -> tuple[Int64s, Floats]:

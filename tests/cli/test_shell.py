@@ -108,15 +108,16 @@ def test_help_is_quick() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a process's threads are counted as Linux lists them")
-def test_numpy_begins_no_thread_that_nothing_is_given_to() -> None:
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux lists a process's threads where a test can count them")
+def test_numpy_begins_no_thread_that_nothing_is_given_to(monkeypatch: pytest.MonkeyPatch) -> None:
     """On each processor one would look for work for a while, beside the threads that have some."""
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     recording = str(ROOT / "sitl_fixtures" / "e_two_vehicles.tlog")
-    script = "import os; from gcs_bridge.cli import main; main(['check', '-q', RECORDING]); "
-    script = script.replace("RECORDING", repr(recording)) + "print(len(os.listdir('/proc/self/task')))"
-    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
-    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout.split()[-1] == "1"
+    program = (
+        f"import os; from gcs_bridge.cli import main; main(['check', '-q', {recording!r}]); "
+        "print(len(os.listdir('/proc/self/task')))"
+    )
+    assert python("-c", program).stdout.split()[-1] == "1"
 
 
 @pytest.mark.parametrize(

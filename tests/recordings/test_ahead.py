@@ -1,7 +1,6 @@
 """Items made in another thread, one ahead: the same, in the same order, and no more of them at a time."""
 
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from threading import Event, Semaphore, Thread, active_count, get_ident
 
@@ -10,7 +9,7 @@ import pytest
 
 import gcs_bridge
 from gcs_bridge.recordings import source
-from gcs_bridge.recordings.ahead import OtherThread, ahead
+from gcs_bridge.recordings.ahead import ahead, other_thread
 from tests.helpers.everyday import one_in
 from tests.helpers.paths import ROOT
 
@@ -66,30 +65,12 @@ def test_one_other_thread_makes_them_all() -> None:
     assert get_ident() not in found
 
 
-def test_what_is_put_off_comes_behind_what_is_begun_next() -> None:
-    """Or at once where nothing comes."""
-    done: list[str] = []
-    hold = Event()
-    with OtherThread() as other:
-        other.later(partial(done.append, "put off"))
-        other(hold.wait)
-        other(partial(done.append, "begun"))
-        assert not done
-        hold.set()
-    assert done == ["put off", "begun"]
-    with OtherThread() as other:
-        other.later(partial(done.append, "at once"))
-        other.go_on()
-    assert done[-1] == "at once"
-
-
 def test_who_asks_for_what_is_not_begun_does_it() -> None:
     """Nobody waits for a thread that does something else."""
     hold = Event()
-    with OtherThread() as other:
-        held = other(hold.wait)
+    with other_thread() as other:
+        held = other(lambda: hold.wait(5.0))
         assert other(get_ident)() == get_ident()
-        assert other.later(get_ident)() == get_ident()
         hold.set()
         assert held()
 
@@ -98,7 +79,7 @@ def test_where_no_thread_can_be_had_this_one_does_it_all(monkeypatch: pytest.Mon
     """A limit of processes, which threads count to, makes it slower and nothing else."""
     monkeypatch.setattr(Thread, "start", refuse)
     assert list(ahead(iter(Made(20)))) == list(range(21))
-    with OtherThread() as other:
+    with other_thread() as other:
         assert other(get_ident)() == get_ident()
 
 
